@@ -1,0 +1,44 @@
+"""Stereo vision with a single lens: prisms and mirrors that fold several views into one photograph.
+
+>>> from cyclopean import Camera, Prism, Setup
+>>> setup = Setup(Camera((1280, 960), 2400), Prism(facets=3, apex_deg=12, glass="N-BK7", distance=60))
+>>> rig = setup.rig()  # three views
+"""
+
+from __future__ import annotations
+
+import importlib
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Camera": "cameras",
+    "Mirror": "optics",
+    "Mirrors": "optics",
+    "Plate": "optics",
+    "Prism": "optics",
+    "Reason": "optics",
+    "Rays": "geometry",
+    "Rig": "rigs",
+    "Setup": "rigs",
+    "View": "rigs",
+    "VirtualCamera": "rigs",
+    "errors": "",
+    "media": "optics",
+    "medium": "optics",
+}
+__all__ = sorted([*_HOMES, "__version__"])
+
+
+def __getattr__(name: str):
+    """Import a public name when it is first asked for: `import cyclopean` itself costs nothing."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    home = _HOMES[name]
+    if not home:
+        return importlib.import_module(f".{name}", __name__)
+    return getattr(importlib.import_module(f".{home}", __name__), name)
+
+
+def __dir__():
+    return __all__

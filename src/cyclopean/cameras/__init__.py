@@ -1,0 +1,5 @@
+"""The real camera: a pinhole with lens distortion."""
+
+from .camera import Camera
+
+__all__ = ["Camera"]

@@ -1,0 +1,119 @@
+"""A pinhole camera with Brown-Conrady distortion, as OpenCV defines it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import SetupError
+from ..geometry import Rays, as_pixels, as_points
+
+CAMERA_PARAMETERS = ("focal_x", "focal_y", "centre_x", "centre_y", "k1", "k2", "p1", "p2", "k3")
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera at the origin that looks along +z, x to the right and y down.
+
+    Distortion is that of Brown (1966) in OpenCV's order, k1 k2 p1 p2 k3.
+    """
+
+    size: tuple[int, int]  # (width, height) px
+    focal: tuple[float, float]  # (x, y) px
+    centre: tuple[float, float] | None = None  # principal point (x, y) px; None: the middle of the image
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    pixel_pitch: float | None = None  # mm; only needed where a lens's real focal length matters
+
+    def __post_init__(self):
+        if len(self.size) != 2 or not all(n == int(n) and n > 0 for n in self.size):
+            raise SetupError(f"the camera's size must be (width, height) in whole pixels, got {self.size}")
+        if np.ndim(self.focal) == 0:
+            object.__setattr__(self, "focal", (float(self.focal), float(self.focal)))
+        if len(self.focal) != 2 or not (np.isfinite(self.focal).all() and min(self.focal) > 0):
+            raise SetupError(f"the camera's focal length must be positive px, one number or (x, y), got {self.focal}")
+        if self.centre is None:
+            width, height = self.size
+            object.__setattr__(self, "centre", ((width - 1) / 2, (height - 1) / 2))
+        if len(self.centre) != 2 or not np.isfinite(self.centre).all():
+            raise SetupError(f"the camera's centre must be (x, y) in px, got {self.centre}")
+        if len(self.distortion) != 5 or not np.isfinite(self.distortion).all():
+            raise SetupError(f"distortion must be the five numbers k1 k2 p1 p2 k3, got {self.distortion}")
+        if self.pixel_pitch is not None and not self.pixel_pitch > 0:
+            raise SetupError(f"the pixel pitch must be positive mm (0.0055 for 5.5 um), got {self.pixel_pitch}")
+
+    @classmethod
+    def from_matrix(cls, matrix: ArrayLike, size: tuple[int, int], distortion: ArrayLike = (0,) * 5) -> Camera:
+        """A camera from OpenCV's 3x3 matrix and its distortion numbers (up to five)."""
+        matrix = np.asarray(matrix, dtype=float)
+        numbers = np.zeros(5)
+        given = np.asarray(distortion, dtype=float).ravel()
+        if matrix.shape != (3, 3) or given.size > 5:
+            raise SetupError(
+                f"wanted a 3x3 matrix and at most k1 k2 p1 p2 k3, got shapes {matrix.shape} and {given.shape}"
+            )
+        numbers[: given.size] = given
+        return cls(size, (matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2]), tuple(numbers))
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """OpenCV's camera matrix (3, 3), px."""
+        return np.array([[self.focal[0], 0, self.centre[0]], [0, self.focal[1], self.centre[1]], [0, 0, 1.0]])
+
+    @cached_property
+    def lens(self) -> np.ndarray:
+        """The nine parameters (9,) in the order of `CAMERA_PARAMETERS`."""
+        return np.array([*self.focal, *self.centre, *self.distortion], dtype=float)
+
+    def with_lens(self, values: ArrayLike) -> Camera:
+        """The camera with other parameters (9,), in the order of `CAMERA_PARAMETERS`."""
+        v = [float(x) for x in np.asarray(values, dtype=float)]
+        return replace(self, focal=(v[0], v[1]), centre=(v[2], v[3]), distortion=tuple(v[4:]))
+
+    @cached_property
+    def fold_radius(self) -> float:
+        """Largest undistorted radius (tangent of the field angle) at which the lens model is one-to-one.
+
+        Radial distortion folds the picture over where r (1 + k1 r^2 + k2 r^4 + k3 r^6) stops growing; beyond,
+        one pixel would belong to two directions.
+        """
+        k1, k2, _, _, k3 = self.distortion
+        roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0]) if any((k1, k2, k3)) else np.empty(0)
+        squares = roots[(np.abs(roots.imag) < 1e-9 * np.maximum(np.abs(roots), 1)) & (roots.real > 0)].real
+        return float(np.sqrt(squares.min())) if squares.size else 1e6
+
+    def normalise(self, pixels: ArrayLike) -> np.ndarray:
+        """Undistorted normalised coordinates (..., 2), x/z and y/z, of pixels (..., 2); NaN beyond the lens's fold."""
+        return self._convert(as_pixels(pixels), to_pixels=False)
+
+    def denormalise(self, coordinates: ArrayLike) -> np.ndarray:
+        """Pixels (..., 2) of undistorted normalised coordinates (..., 2); NaN beyond the lens's fold."""
+        return self._convert(as_pixels(coordinates), to_pixels=True)
+
+    def _convert(self, pairs, to_pixels):
+        from . import kernels
+
+        out = np.empty(pairs.shape)
+        flat = np.ascontiguousarray(pairs).reshape(-1, 2)
+        kernels.convert(flat, self.lens, self.fold_radius, to_pixels, out.reshape(-1, 2))
+        return out
+
+    def rays(self, pixels: ArrayLike) -> Rays:
+        """Rays from the pinhole through pixels (..., 2)."""
+        coordinates = self.normalise(pixels)
+        directions = np.concatenate([coordinates, np.ones((*coordinates.shape[:-1], 1))], axis=-1)
+        directions = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        return Rays(np.where(np.isfinite(directions), 0.0, np.nan), directions)
+
+    def project(self, points: ArrayLike) -> np.ndarray:
+        """Pixels (..., 2) of points (..., 3) mm in the camera's frame; NaN behind the camera."""
+        points = as_points(points)
+        z = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
+        return self.denormalise(points[..., :2] / z)
+
+    def contains(self, pixels: ArrayLike) -> np.ndarray:
+        """True (...,) where pixels (..., 2) lie on the image, its border pixels included to their outer edge."""
+        pixels = as_pixels(pixels)
+        return ((pixels >= -0.5) & (pixels <= np.asarray(self.size) - 0.5)).all(-1)

@@ -1,0 +1,305 @@
+"""Sub-step inverse depth: Gauss-Newton on windows of all views at once.
+
+Around each pixel the scene is taken to be a plane in inverse depth. Its height and two slopes, and for each
+view and channel a gain and an offset, are fitted so that the other views' windows look like the reference's.
+The other views are sampled once per pixel, at the pixel's own inverse depth, and are linear around it; so a
+window costs sums of products only. Neighbours of a clearly different depth do not take part.
+
+Lucas and Kanade, IJCAI 1981; Baker and Matthews, Lucas-Kanade 20 years on, IJCV 56(3), 2004.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+_FAST = {"contract", "reassoc", "nsz", "arcp"}  # no "nnan": NaN has a meaning here
+_BLOCK = 128        # pixels whose sums are kept together, so that they stay in the cache
+_FAR = 1e6          # inverse depth (in steps) of pixels that are not known: no neighbour resembles it
+_PAIRS = 10         # numbers kept per view: 6 of the 3x3 matrix, 3 of the right side, 1 energy
+
+
+@njit(cache=True, fastmath=_FAST)
+def _spline_weights(t, weights, slopes):
+    """Cubic B-spline and its derivative at the four pixels around a fraction t of a pixel."""
+    s = np.float32(1) - t
+    sixth, half = np.float32(1 / 6), np.float32(0.5)
+    weights[0], weights[3] = sixth * s * s * s, sixth * t * t * t
+    weights[1] = np.float32(2 / 3) - half * t * t * (np.float32(2) - t)
+    weights[2] = np.float32(2 / 3) - half * s * s * (np.float32(2) - s)
+    slopes[0], slopes[3] = -half * s * s, half * t * t
+    slopes[1] = half * t * (np.float32(3) * t - np.float32(4))
+    slopes[2] = -half * s * (np.float32(3) * s - np.float32(4))
+
+
+@njit(cache=True, fastmath=_FAST)
+def _place(nodes, spacing, row, column, hypothesis, place):
+    """Where a reference pixel is seen at a hypothesis, and how far one more step moves it: x, y, dx, dy."""
+    j, i = row // spacing, column // spacing
+    t, s = np.float32(row % spacing) / np.float32(spacing), np.float32(column % spacing) / np.float32(spacing)
+    below, right = (j + 1 if t > 0 else j), (i + 1 if s > 0 else i)
+    k = min(max(int(hypothesis), 0), nodes.shape[0] - 2)
+    one = np.float32(1)
+    for axis in range(2):
+        near = (one - t) * ((one - s) * nodes[k, j, i, axis] + s * nodes[k, j, right, axis])
+        near += t * ((one - s) * nodes[k, below, i, axis] + s * nodes[k, below, right, axis])
+        far = (one - t) * ((one - s) * nodes[k + 1, j, i, axis] + s * nodes[k + 1, j, right, axis])
+        far += t * ((one - s) * nodes[k + 1, below, i, axis] + s * nodes[k + 1, below, right, axis])
+        place[2 + axis] = far - near
+        place[axis] = near + (hypothesis - np.float32(k)) * (far - near)
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def sample(spline, mask, nodes, spacing, top, guess, values, slopes, seen):
+    """Look up another view where each reference pixel is seen at its present inverse depth.
+
+    Parameters
+    ----------
+    spline : (H, W, C) float32 array
+        Cubic B-spline coefficients of the photograph.
+    mask : (H, W) bool array
+        Pixels of the other view.
+    nodes : (D, Ny, Nx, 2) float32 array
+        Maps into the other view.
+    spacing, top : int
+        Pixels between nodes; row of the box that is row 0 of ``guess``.
+    guess : (h, w) float32 array
+        Inverse depth in steps; NaN unknown.
+    values, slopes : (C, h, w) float32 arrays, written
+        The other view and its change per step of inverse depth.
+    seen : (h, w) float32 array, written
+        1 where the view sees the pixel, else 0.
+    """
+    height, width = guess.shape
+    channels = spline.shape[2]
+    for y in prange(height):
+        place = np.empty(4, np.float32)
+        wx, wy, gx, gy = np.empty(4, np.float32), np.empty(4, np.float32), np.empty(4, np.float32), np.empty(4, np.float32)
+        for x in range(width):
+            seen[y, x] = 0
+            for c in range(channels):
+                values[c, y, x] = slopes[c, y, x] = 0
+            if not guess[y, x] > -_FAR:
+                continue
+            _place(nodes, spacing, top + y, x, guess[y, x], place)
+            inside = place[0] >= 1 and place[1] >= 1 and place[0] < mask.shape[1] - 2 and place[1] < mask.shape[0] - 2
+            if not inside or not mask[int(place[1] + np.float32(0.5)), int(place[0] + np.float32(0.5))]:
+                continue
+            i, j = int(place[0]), int(place[1])
+            _spline_weights(place[0] - i, wx, gx)
+            _spline_weights(place[1] - j, wy, gy)
+            seen[y, x] = 1
+            for n in range(4):
+                for m in range(4):
+                    flat = wy[n] * wx[m]
+                    tilt = place[2] * wy[n] * gx[m] + place[3] * gy[n] * wx[m]
+                    for c in range(channels):
+                        coefficient = spline[j + n - 1, i + m - 1, c]
+                        values[c, y, x] += flat * coefficient
+                        slopes[c, y, x] += tilt * coefficient
+
+
+@njit(cache=True, fastmath=_FAST)
+def _add(sums, reference, values, slopes, seen, depth, middle, window, reach, di, dj):
+    """Add one neighbour of every pixel of a block to the 21 sums of one view and channel."""
+    n = middle.shape[0]
+    di, dj, window, reach = np.float32(di), np.float32(dj), np.float32(window), np.float32(reach)
+    for x in range(n):
+        away = depth[x] - middle[x]
+        near = max(np.float32(0), np.float32(1) - away * away * reach)
+        w = window * near * near * seen[x]
+        r, g = reference[x], slopes[x]
+        e = values[x] - r - g * max(min(away, np.float32(100)), np.float32(-100))
+        wr, wg, we = w * r, w * g, w * e
+        gr, gg, ge = wg * r, wg * g, wg * e
+        sums[0, x] += w
+        sums[1, x] += wr
+        sums[2, x] += wr * r
+        sums[3, x] += we
+        sums[4, x] += we * r
+        sums[5, x] += we * e
+        sums[6, x] += wg
+        sums[7, x] += wg * di
+        sums[8, x] += wg * dj
+        sums[9, x] += gr
+        sums[10, x] += gr * di
+        sums[11, x] += gr * dj
+        sums[12, x] += gg
+        sums[13, x] += gg * di
+        sums[14, x] += gg * dj
+        sums[15, x] += gg * di * di
+        sums[16, x] += gg * di * dj
+        sums[17, x] += gg * dj * dj
+        sums[18, x] += ge
+        sums[19, x] += ge * di
+        sums[20, x] += ge * dj
+
+
+@njit(cache=True, fastmath=_FAST)
+def _without_gain(sums, gain_weight, n, pairs, power, weight):
+    """Take offset and gain out of the sums of one view and channel, and add the rest to the view's pairs.
+
+    ``pairs`` holds the matrix (00 01 02 11 12 22), the right side (0 1 2) and the energy of the plane's fit.
+    """
+    for x in range(n):
+        w = sums[0, x]
+        share = np.float32(1) / max(w, np.float32(1e-6))
+        r, e = sums[1, x] * share, sums[3, x] * share
+        rr, er, ee = sums[2, x] - r * sums[1, x], sums[4, x] - e * sums[1, x], sums[5, x] - e * sums[3, x]
+        per = np.float32(1) / (max(rr, np.float32(0)) + np.float32(gain_weight))
+        g0, g1, g2 = sums[6, x], sums[7, x], sums[8, x]
+        r0, r1, r2 = sums[9, x] - g0 * r, sums[10, x] - g1 * r, sums[11, x] - g2 * r
+        pairs[0, x] += sums[12, x] - g0 * g0 * share - r0 * r0 * per
+        pairs[1, x] += sums[13, x] - g0 * g1 * share - r0 * r1 * per
+        pairs[2, x] += sums[14, x] - g0 * g2 * share - r0 * r2 * per
+        pairs[3, x] += sums[15, x] - g1 * g1 * share - r1 * r1 * per
+        pairs[4, x] += sums[16, x] - g1 * g2 * share - r1 * r2 * per
+        pairs[5, x] += sums[17, x] - g2 * g2 * share - r2 * r2 * per
+        pairs[6, x] -= sums[18, x] - g0 * e - r0 * er * per
+        pairs[7, x] -= sums[19, x] - g1 * e - r1 * er * per
+        pairs[8, x] -= sums[20, x] - g2 * e - r2 * er * per
+        pairs[9, x] += max(ee - er * er * per, np.float32(0))
+        power[x] += max(rr, np.float32(0)) + np.float32(2) * er + ee  # of the other view, for the correlation
+        weight[x] += w
+
+
+@njit(cache=True, fastmath=_FAST)
+def _solve(pairs, stiffness, x, fit):
+    """Height and slopes of the plane at pixel x; also the variance factor of the height. NaN if undetermined."""
+    a, b, c = pairs[0, x], pairs[1, x], pairs[2, x]
+    d, e, f = pairs[3, x] + stiffness, pairs[4, x], pairs[5, x] + stiffness
+    m0, m1, m2 = d * f - e * e, c * e - b * f, b * e - c * d
+    det = a * m0 + b * m1 + c * m2
+    if not det > np.float32(1e-6) * m0:
+        fit[:] = np.nan
+        return
+    p, q, r = pairs[6, x], pairs[7, x], pairs[8, x]
+    fit[0] = (m0 * p + m1 * q + m2 * r) / det
+    fit[1] = (m1 * p + (a * f - c * c) * q + (b * c - a * e) * r) / det
+    fit[2] = (m2 * p + (b * c - a * e) * q + (a * d - b * b) * r) / det
+    fit[3] = m0 / det
+
+
+@njit(cache=True, fastmath=_FAST)
+def _energy(pairs, x, fit):
+    """What is left of the energy with the plane in place."""
+    u, v, w = fit[0], fit[1], fit[2]
+    square = pairs[0, x] * u * u + pairs[3, x] * v * v + pairs[5, x] * w * w
+    cross = pairs[1, x] * u * v + pairs[2, x] * u * w + pairs[4, x] * v * w
+    return max(pairs[9, x] + square + 2 * cross - 2 * (pairs[6, x] * u + pairs[7, x] * v + pairs[8, x] * w), np.float32(0))
+
+
+@njit(cache=True, fastmath=_FAST)
+def _view_sums(reference, values, slopes, seen, depth, window, reach, gain_weight, y, left, n, sums, pairs):
+    """Sums of one view around n pixels of row y: ``pairs`` (12, block), the last two its power and weight."""
+    radius = window.shape[0] // 2
+    middle = depth[y + radius, left + radius : left + radius + n]
+    pairs[:] = 0
+    for c in range(reference.shape[0]):
+        sums[:] = 0
+        for j in range(2 * radius + 1):
+            for i in range(2 * radius + 1):
+                if window[j, i] > 0:
+                    row, a, b = y + j, left + i, left + i + n
+                    _add(sums, reference[c, row, a:b], values[c, row, a:b], slopes[c, row, a:b], seen[row, a:b],
+                         depth[row, a:b], middle, window[j, i], reach, i - radius, j - radius)
+        _without_gain(sums, gain_weight, n, pairs, pairs[_PAIRS], pairs[_PAIRS + 1])
+
+
+@njit(cache=True, fastmath=_FAST)
+def _judge(pairs, usable, x, stiffness, noise, margin, fit, out, likeness):
+    """Fit the plane at pixel x to the usable views, and say how well: writes change, sigma, score, likeness."""
+    views = pairs.shape[0]
+    total = np.zeros((_PAIRS, 1), np.float32)
+    weight, power, used = np.float32(0), np.float32(0), 0
+    for v in range(views):
+        if usable[v]:
+            total[:, 0] += pairs[v, :_PAIRS, x]
+            power += pairs[v, _PAIRS, x]
+            weight += pairs[v, _PAIRS + 1, x]
+            used += 1
+    out[:] = np.nan
+    if used == 0:
+        return
+    _solve(total, stiffness, 0, fit)
+    if not fit[3] > 0:
+        return
+    left = _energy(total, 0, fit)
+    spread = max(left / max(weight - np.float32(3 + 2 * used), np.float32(1)), np.float32(noise))
+    out[0], out[1] = fit[0], np.sqrt(spread * fit[3])
+    out[2] = np.sqrt(max(np.float32(1) - left / max(power, np.float32(1e-6)), np.float32(0)))
+    for v in range(views):
+        share = _energy(pairs[v], x, fit) / max(pairs[v, _PAIRS, x], np.float32(1e-6))
+        likeness[v] = np.sqrt(max(np.float32(1) - share, np.float32(0)))
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def improve(reference, values, slopes, seen, depth, window, reach, gain_weight, stiffness, noise, margin):
+    """One Gauss-Newton step at every pixel.
+
+    Every array but the window has a margin of the window's radius around the h x w pixels.
+
+    Parameters
+    ----------
+    reference : (C, h, w) float32 array
+        Picture in grey levels.
+    values, slopes : (V-1, C, h, w) float32 arrays
+        The other views and their change per step of inverse depth, at ``depth``.
+    seen : (V-1, h, w) float32 array
+        Which pixels count in each view: 0 to 1.
+    depth : (h, w) float32 array
+        Inverse depth in steps; a large number where unknown.
+    window : (2 r + 1, 2 r + 1) float32 array
+        Weights of the neighbours.
+    reach : float
+        1 / (difference of inverse depth, in steps, at which a neighbour stops to count) squared.
+    gain_weight, stiffness : float
+        How firmly gains are held at 1 and slopes at 0: noise variance over the variance expected of them.
+    noise : float
+        Least variance of a grey level.
+    margin : float
+        Views whose likeness falls this far below the best view's do not take part.
+
+    Returns
+    -------
+    change, sigma, score : (h, w) float32 arrays
+        Change of inverse depth and its standard deviation in steps, correlation coefficient; NaN undetermined.
+    likeness : (V-1, h, w) float32 array
+        Correlation coefficient with each view.
+    """
+    radius = window.shape[0] // 2
+    views, height, width = seen.shape[0], depth.shape[0] - 2 * radius, depth.shape[1] - 2 * radius
+    result = np.full((3, height, width), np.nan, np.float32)
+    likeness = np.zeros((views, height, width), np.float32)
+    for y in prange(height):
+        sums, pairs = np.empty((21, _BLOCK), np.float32), np.empty((views, _PAIRS + 2, _BLOCK), np.float32)
+        fit, out, like = np.empty(4, np.float32), np.empty(3, np.float32), np.empty(views, np.float32)
+        usable = np.empty(views, np.bool_)
+        for left in range(0, width, _BLOCK):
+            n = min(_BLOCK, width - left)
+            if not np.any(depth[y + radius, left + radius : left + radius + n] < _FAR):
+                continue
+            for v in range(views):
+                _view_sums(reference, values[v], slopes[v], seen[v], depth, window, reach, gain_weight, y, left, n,
+                           sums, pairs[v])
+            for x in range(n):
+                if not depth[y + radius, left + radius + x] < _FAR:
+                    continue
+                for v in range(views):
+                    usable[v] = seen[v, y + radius, left + radius + x] > 0 and pairs[v, _PAIRS + 1, x] > 0
+                like[:] = 0
+                _judge(pairs, usable, x, stiffness, noise, margin, fit, out, like)
+                best = np.max(like)
+                dropped = False
+                for v in range(views):
+                    if usable[v] and like[v] < best - margin:
+                        usable[v], dropped = False, True
+                if dropped:
+                    _judge(pairs, usable, x, stiffness, noise, margin, fit, out, like)
+                result[:, y, left + x] = out
+                likeness[:, y, left + x] = like
+    return result[0], result[1], result[2], likeness
+
+
+def gaussian_window(radius, sigma):
+    """Weights that fall off from the middle, (2 radius + 1, 2 radius + 1) float32, 1 in the middle."""
+    line = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
+    return np.outer(line, line).astype(np.float32)

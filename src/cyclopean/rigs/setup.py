@@ -1,0 +1,102 @@
+"""A setup: what you build and calibrate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..cameras import Camera
+from ..cameras.camera import CAMERA_PARAMETERS
+from ..errors import OpticError, SetupError
+from ..optics import Path
+from .rig import Rig
+from .view import DEFAULT_MARGIN, View
+
+D_LINE_NM = 587.5618  # helium d, the line that catalogues state glass at
+
+
+class Optic(Protocol):
+    """What a setup asks of the thing in front of its lens."""
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of its parameters."""
+        ...
+
+    def paths(self, wavelength_nm: float) -> tuple[Path, ...]:
+        """The ways of light through it, one for each view."""
+        ...
+
+    def parameters(self, wavelength_nm: float) -> np.ndarray:
+        """Values (P,) of its parameters."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """A camera and the optic in front of it."""
+
+    camera: Camera
+    optic: Optic
+    wavelength_nm: float = D_LINE_NM
+    f_number: float | None = None  # of the lens; with focus_distance and the camera's pixel pitch: blend bands
+    focus_distance: float | None = None  # mm, from the pinhole to what is in focus
+    depths: tuple[float, float] | None = None  # mm, nearest and farthest depth of interest
+
+    def __post_init__(self):
+        if not (np.isfinite(self.wavelength_nm) and self.wavelength_nm > 0):
+            raise SetupError(f"the wavelength must be a positive number of nm, got {self.wavelength_nm}")
+        if self.depths is not None and not 0 < self.depths[0] < self.depths[1]:
+            raise SetupError(f"depths must be (near, far) with 0 < near < far in mm, got {self.depths}")
+        for name in ("f_number", "focus_distance"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise SetupError(f"{name} must be a positive number, got {value}")
+
+    def rig(self, margin: float | None = None) -> Rig:
+        """The views that this setup gives.
+
+        Parameters
+        ----------
+        margin : float, optional
+            Pixels to leave out beside seams; half the blend band plus 1.5 px where not given.
+
+        Raises
+        ------
+        OpticError
+            When no light comes through a facet.
+        """
+        views = []
+        for path in self.optic.paths(self.wavelength_nm):
+            width = DEFAULT_MARGIN + self.blend_band(path) / 2 if margin is None else margin
+            view = View(self.camera, path, float(width), path.name)
+            view._aim  # noqa: B018  found now, so that a dark view is reported here and not later
+            views.append(view)
+        return Rig(tuple(views))
+
+    def blend_band(self, path: Path) -> float:
+        """Width (px) of the band around a seam in which the open aperture sees both facets; 0 for a pinhole.
+
+        D (Zf - z0) / z0 * f / (Zf - f) on the sensor, for an entrance pupil D = f / f_number, focus at Zf and
+        the seam at z0: the pupil as seen through the seam, from where the lens focuses.
+        """
+        pitch = self.camera.pixel_pitch
+        if self.f_number is None or self.focus_distance is None or not path.interfaces:
+            return 0.0
+        if pitch is None:
+            raise OpticError("f_number and focus_distance need the camera's pixel_pitch (mm) to tell the blend band")
+        focal = self.camera.focal[0] * pitch
+        last = path.interfaces[-1]
+        seam = abs(last.offset / last.normal[2]) if last.normal[2] else self.focus_distance
+        seam = min(seam, self.focus_distance)
+        pupil = focal / self.f_number
+        width = pupil * (self.focus_distance - seam) / seam * focal / (self.focus_distance - focal)
+        return float(width / pitch)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of every parameter: those of the camera, then those of the optic."""
+        camera = tuple(f"camera.{name}" for name in CAMERA_PARAMETERS)
+        return camera + tuple(f"optic.{name}" for name in self.optic.parameter_names)

@@ -1,0 +1,228 @@
+"""A view: pixels of one sub-image into rays, points into pixels. The contract that everything else builds on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..cameras import Camera
+from ..errors import OpticError
+from ..geometry import Rays, as_pixels, as_points, nearest_point
+from ..optics import Path, Reason
+from .derivatives import PixelDerivatives, RayDerivatives, pixel_derivatives, ray_derivatives
+from .regions import Region, pixel_grid
+
+DEFAULT_MARGIN = 1.5  # px: a pixel on the seam mixes both sides, and so does the blur of a sharp lens
+
+
+class ViewLike(Protocol):
+    """What every step asks of a view."""
+
+    name: str
+    shot: int
+    channel: int | None
+    mirrored: bool
+
+    @property
+    def region(self) -> Region:
+        """Which pixels belong to the view."""
+        ...
+
+    def rays(self, pixels: ArrayLike) -> Rays:
+        """Pixels (..., 2) -> rays (...,), NaN where a pixel does not belong to the view."""
+        ...
+
+    def project(self, points: ArrayLike) -> np.ndarray:
+        """Points (..., 3) mm -> pixels (..., 2), NaN where the view does not see a point."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What the camera sees along one path through the optic."""
+
+    camera: Camera
+    path: Path
+    margin: float = DEFAULT_MARGIN  # px left out beside seams
+    name: str = ""
+    shot: int = 0  # which exposure, for optics that move
+    channel: int | None = None  # which colour channel; None: all
+    clip: bool = field(default=True, repr=False)  # False only in what `unbounded` returns
+
+    @property
+    def mirrored(self) -> bool:
+        """True when an odd number of mirrors flips the picture."""
+        return self.path.mirrored
+
+    def rays(self, pixels: ArrayLike) -> Rays:
+        """Rays in the scene that belong to pixels.
+
+        Parameters
+        ----------
+        pixels : (..., 2) array
+            Pixels (x, y) of the photograph.
+
+        Returns
+        -------
+        Rays
+            (...,) rays that start on the optic's last surface, in the rig frame; NaN where a pixel does not
+            look through this facet, or its ray is totally reflected (`explain_pixels` says which).
+        """
+        from . import kernels
+
+        pixels = as_pixels(pixels)
+        out = np.empty((2, *pixels.shape[:-1], 3))
+        flat = np.ascontiguousarray(pixels).reshape(-1, 2)
+        kernels.trace_pixels(flat, *self._optics, out[0].reshape(-1, 3), out[1].reshape(-1, 3))
+        if self.path.blockers:
+            out[:, self._blocked(out[1])] = np.nan
+        return Rays(out[0], out[1])
+
+    def project(self, points: ArrayLike) -> np.ndarray:
+        """Pixels at which points are seen.
+
+        Parameters
+        ----------
+        points : (..., 3) array
+            Points in the rig frame, mm.
+
+        Returns
+        -------
+        (..., 2) array
+            Pixels (x, y); NaN where this view does not see the point (`explain_points` says why): it never
+            returns a pixel whose ray does not pass through the point.
+
+        Notes
+        -----
+        Newton in two variables with analytic derivatives, started from a virtual camera. For refracting planes
+        the path is the one of least time, so the solution is unique.
+        """
+        from . import kernels
+
+        points = as_points(points)
+        out = np.empty((*points.shape[:-1], 2))
+        flat = np.ascontiguousarray(points).reshape(-1, 3)
+        kernels.project_points(flat, *self._aim, *self._optics[:2], self._limits, *self._optics[2:], out.reshape(-1, 2))
+        if self.path.blockers:
+            out[self._blocked(points, reach=1.0)] = np.nan
+        return out
+
+    def ray_derivatives(self, pixels: ArrayLike) -> RayDerivatives:
+        """Rays of pixels (..., 2) with their derivatives to pixel, camera and optic."""
+        return ray_derivatives(self.camera, self.path, as_pixels(pixels), self.rays(pixels))
+
+    def pixel_derivatives(self, points: ArrayLike) -> PixelDerivatives:
+        """Pixels of points (..., 3) with their derivatives to point, camera and optic."""
+        points = as_points(points)
+        return pixel_derivatives(self.camera, self.path, points, self.project(points))
+
+    def unbounded(self) -> View:
+        """The same view with surfaces that have no end and an image without border: smooth across seams."""
+        return replace(self, path=self.path.unbounded(), clip=False)
+
+    def explain_pixels(self, pixels: ArrayLike) -> np.ndarray:
+        """The `Reason` (integer array (...,)) why each pixel (..., 2) has no ray in this view; 0 where it has one."""
+        pixels = as_pixels(pixels)
+        rays = self.camera.rays(pixels)
+        reasons = self.path.explain(rays)
+        if self.path.blockers:
+            reasons[self._blocked(rays.directions)] = Reason.BLOCKED
+        return reasons
+
+    def explain_points(self, points: ArrayLike) -> np.ndarray:
+        """The `Reason` (integer array (...,)) why each point (..., 3) has no pixel in this view; 0 where it has one."""
+        points = as_points(points)
+        pixels = self.unbounded().project(points)
+        reasons = np.where(np.isfinite(pixels).all(-1), self.explain_pixels(pixels), int(Reason.NO_SOLUTION))
+        inside = self.camera.contains(pixels)
+        reasons = np.where((reasons == Reason.SEEN) & ~inside, int(Reason.OUTSIDE_IMAGE), reasons)
+        reasons = np.where(np.isfinite(points).all(-1), reasons, int(Reason.NOT_A_NUMBER))
+        missing = np.isnan(self.project(points)).any(-1) & (reasons == Reason.SEEN)
+        return np.where(missing, int(Reason.BLOCKED if self.path.blockers else Reason.BEHIND), reasons)
+
+    @cached_property
+    def region(self) -> Region:
+        """The pixels of this view, found by tracing the ray of every pixel."""
+        from . import kernels
+
+        grid = pixel_grid(self.camera.size)
+        if self.path.blockers:
+            return Region(np.isfinite(self.rays(grid).directions[..., 0]), self.margin)
+        clearance = np.empty(grid.shape[:2])
+        kernels.pixel_clearance(grid.reshape(-1, 2), *self._optics, clearance.reshape(-1))
+        return Region(clearance >= 0, self.margin, clearance)
+
+    @cached_property
+    def _optics(self):
+        return (self.camera.lens, self.camera.fold_radius, self.path.index_start, *self.path.packed)
+
+    @cached_property
+    def _limits(self) -> np.ndarray:
+        width, height = self.camera.size
+        return np.array([-0.5, width - 0.5, -0.5, height - 0.5] if self.clip else [-np.inf, np.inf] * 2)
+
+    @cached_property
+    def _aim(self) -> tuple[np.ndarray, np.ndarray]:
+        """What projection starts from: a rough virtual camera (7, 3) and seeds (M, 2), see rigs/kernels.py."""
+        width, height = self.camera.size
+        pixels = np.stack(np.meshgrid(np.linspace(0, width - 1, 33), np.linspace(0, height - 1, 33)), -1).reshape(-1, 2)
+        bounded = replace(self, clip=True)
+        good = np.isfinite(bounded.rays(pixels).directions).all(-1)
+        if np.count_nonzero(good) < 6:  # an unbounded or very small region: take what any ray gives
+            good = np.isfinite(bounded.unbounded().rays(pixels).directions).all(-1)
+        if np.count_nonzero(good) < 6:
+            raise OpticError(f"no light reaches the camera through {self.name or 'this view'}; rays of the image are "
+                             f"lost because: {_tally(self.explain_pixels(pixels[::7]))}")
+        pixels = pixels[good]
+        rays, coordinates = self.unbounded().rays(pixels), self.camera.normalise(pixels)
+        return _rough_camera(rays, coordinates), _seeds(coordinates)
+
+    def _blocked(self, directions, reach=np.inf):
+        """True where a straight line from the pinhole meets one of the path's blockers before `reach` directions."""
+        blocked = np.zeros(directions.shape[:-1], dtype=bool)
+        for blocker in self.path.blockers:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                distance = blocker.offset / (directions @ blocker.normal)
+            hits = distance[..., None] * directions
+            inside = (hits @ blocker.bounds[:, :3].T <= blocker.bounds[:, 3]).all(-1)
+            blocked |= inside & (distance > 0) & (distance < reach)
+        return blocked
+
+
+def _tally(reasons):
+    values, counts = np.unique(reasons, return_counts=True)
+    return ", ".join(f"{Reason(v).text} ({100 * c / counts.sum():.0f} %)" for v, c in zip(values, counts, strict=True))
+
+
+def _seeds(coordinates):
+    """A few normalised coordinates (M, 2) spread over the view: its middle, and half way to its extremes."""
+    middle = coordinates.mean(0)
+    corners = [coordinates[np.argmax(coordinates @ side)] for side in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
+    return np.array([middle, *[(middle + corner) / 2 for corner in corners]])
+
+
+def _rough_camera(rays, coordinates):
+    """Centre, axes and homography (7, 3) of the pinhole that roughly stands for rays with these coordinates."""
+    axis = rays.directions.mean(0)
+    axis /= np.linalg.norm(axis)
+    centre = nearest_point(rays).points
+    if not np.isfinite(centre).all():
+        centre = rays.origins.mean(0)
+    side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    side /= np.linalg.norm(side)
+    frame = np.array([side, np.cross(axis, side), axis])
+    scale = max(np.linalg.norm(rays.origins - centre, axis=-1).max(), 1.0)
+    local = (rays.at(np.full(rays.shape, 20 * scale)) - centre) @ frame.T
+    (x, y), (a, b, c) = coordinates.T, local.T
+    # h @ (a, b, c) ~ (x, y, 1): two linear equations a sample, solved with h[2, 2] = 1
+    zero = np.zeros_like(a)
+    rows = np.concatenate([
+        np.stack([a, b, c, zero, zero, zero, -x * a, -x * b], -1),
+        np.stack([zero, zero, zero, a, b, c, -y * a, -y * b], -1),
+    ])  # fmt: skip
+    h = np.linalg.lstsq(rows, np.concatenate([x * c, y * c]), rcond=None)[0]
+    return np.vstack([centre, frame, np.append(h, 1.0).reshape(3, 3)])
