@@ -1,4 +1,4 @@
-"""Compiled lens distortion, on blocks of normalised image coordinates (x / z, y / z).
+"""Compiled lens distortion, of normalised image coordinates (x / z, y / z).
 
 lens : (9,) focal x, focal y, centre x, centre y (px), then k1, k2, p1, p2, k3.
 """
@@ -8,7 +8,6 @@ import math
 import numpy as np
 from numba import njit, prange
 
-LANES = 128
 OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"reassoc", "contract", "arcp", "nsz"}}
 
 
@@ -37,67 +36,50 @@ def is_straight(lens):
 
 
 @njit(**OPTIONS)
-def normalise_block(x, y, lens, fold):
-    """Turn pixels x, y (L,) into undistorted normalised coordinates, in place; NaN beyond the lens's fold.
+def normalise_one(x, y, lens, fold):
+    """Undistorted normalised coordinates of distorted ones; NaN beyond the lens's fold.
 
     Newton on the distortion with its analytic Jacobian; `fold` is the largest radius the model is one-to-one
     at (`Camera.fold_radius`).
     """
-    for i in range(x.size):
-        x[i] = (x[i] - lens[2]) / lens[0]
-        y[i] = (y[i] - lens[3]) / lens[1]
-    if is_straight(lens):
-        return
-    for i in range(x.size):
-        goal_x, goal_y = x[i], y[i]
-        a, b = goal_x, goal_y
-        step = np.inf
-        for _ in range(50):
-            xd, yd, xx, xy, yy = distort_one(a, b, lens)
-            determinant = xx * yy - xy * xy
-            ex, ey = xd - goal_x, yd - goal_y
-            da, db = (yy * ex - xy * ey) / determinant, (xx * ey - xy * ex) / determinant
-            size = math.sqrt(da * da + db * db)
-            damping = min(1.0, 0.2 * fold / size) if size > 0 else 1.0  # do not jump over the fold
-            a -= damping * da
-            b -= damping * db
-            if not size > 1e-15:
-                step = size
-                break
-            step = size
-        good = step < 1e-12 and a * a + b * b < fold * fold
-        x[i] = a if good else np.nan
-        y[i] = b if good else np.nan
+    a, b, step = x, y, np.inf
+    for _ in range(50):
+        xd, yd, xx, xy, yy = distort_one(a, b, lens)
+        determinant = xx * yy - xy * xy
+        ex, ey = xd - x, yd - y
+        da, db = (yy * ex - xy * ey) / determinant, (xx * ey - xy * ex) / determinant
+        step = math.sqrt(da * da + db * db)
+        damping = min(1.0, 0.2 * fold / step) if step > 0 else 1.0  # do not jump over the fold
+        a -= damping * da
+        b -= damping * db
+        if not step > 1e-15:
+            break
+    if step < 1e-12 and a * a + b * b < fold * fold:
+        return a, b
+    return np.nan, np.nan
 
 
 @njit(**OPTIONS)
-def pixel_block(x, y, lens, fold):
-    """Turn undistorted normalised coordinates (L,) into pixels, in place; NaN beyond the lens's fold."""
-    straight = is_straight(lens)
-    for i in range(x.size):
-        a, b = x[i], y[i]
-        if not straight:
-            xd, yd, _, _, _ = distort_one(a, b, lens)
-            inside = a * a + b * b < fold * fold
-            a = xd if inside else np.nan
-            b = yd if inside else np.nan
-        x[i] = lens[0] * a + lens[2]
-        y[i] = lens[1] * b + lens[3]
+def pixel_one(x, y, lens, fold, straight):
+    """Pixel of undistorted normalised coordinates; NaN beyond the lens's fold."""
+    if not straight:
+        inside = x * x + y * y < fold * fold
+        x, y, _, _, _ = distort_one(x, y, lens)
+        if not inside:
+            x, y = np.nan, np.nan
+    return lens[0] * x + lens[2], lens[1] * y + lens[3]
 
 
 @njit(parallel=True, **OPTIONS)
 def convert(pairs, lens, fold, to_pixels, out):
-    """`pixel_block` or `normalise_block` on rows (N, 2) -> out (N, 2)."""
-    count = pairs.shape[0]
-    for block in prange((count + LANES - 1) // LANES):
-        start = block * LANES
-        lanes = min(LANES, count - start)
-        x, y = np.empty(lanes), np.empty(lanes)
-        for i in range(lanes):
-            x[i], y[i] = pairs[start + i, 0], pairs[start + i, 1]
+    """Normalised coordinates to pixels, or pixels to normalised coordinates, on rows (N, 2) -> out (N, 2)."""
+    straight = is_straight(lens)
+    for i in prange(pairs.shape[0]):
+        x, y = pairs[i, 0], pairs[i, 1]
         if to_pixels:
-            pixel_block(x, y, lens, fold)
+            x, y = pixel_one(x, y, lens, fold, straight)
         else:
-            normalise_block(x, y, lens, fold)
-        for i in range(lanes):
-            out[start + i, 0], out[start + i, 1] = x[i], y[i]
+            x, y = (x - lens[2]) / lens[0], (y - lens[3]) / lens[1]
+            if not straight:
+                x, y = normalise_one(x, y, lens, fold)
+        out[i, 0], out[i, 1] = x, y

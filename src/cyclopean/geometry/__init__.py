@@ -1,14 +1,16 @@
-"""Poses, rays and polygons: geometry that knows no optics."""
+"""Poses, rays, polygons and maps: geometry that knows no optics."""
 
 from .arrays import as_pixels, as_points
 from .polygons import clip_by_half_plane, polygon_area
 from .poses import Pose, rotation_from_vector, rotation_vector_jacobian, shortest_rotation
 from .rays import NearestPoint, Rays, nearest_point, shortest_segment
+from .warps import Warps
 
 __all__ = [
     "NearestPoint",
     "Pose",
     "Rays",
+    "Warps",
     "as_pixels",
     "as_points",
     "clip_by_half_plane",

@@ -7,7 +7,7 @@ from scipy.ndimage import spline_filter
 
 from cyclopean.errors import ImageError
 from cyclopean.matching import aggregation, cost, refinement
-from cyclopean.matching.warps import Warps, spread, warp
+from cyclopean.matching.warps import Warps
 
 COST_RADIUS = 2
 COST_FLOOR = 1.0
@@ -52,18 +52,19 @@ def grey_levels(image):
 def costs(levels, warps, rows):
     (x0, y0), (width, _) = warps.origin, warps.size
     top, height = rows.start, rows.stop - rows.start
-    box = (slice(y0 + top, y0 + top + height), slice(x0, x0 + width))
-    reference = np.ascontiguousarray(np.moveaxis(levels[box], -1, 0))
-    own = warps.masks[0][box].astype(np.float32)
-    masks = warps.masks.astype(np.uint8)
+    own = np.ascontiguousarray(warps.reference_mask()[top : rows.stop])
+    wide = cost.padded(width)
+    views, channels = len(warps.nodes), levels.shape[-1]
+    reference = np.zeros((channels, height, wide), np.float32)
+    reference[..., cost.REACH : cost.REACH + width] = np.moveaxis(levels[y0 + top : y0 + rows.stop, x0 : x0 + width], -1, 0)
+    warped, seen = np.empty((channels, height, wide), np.float32), np.empty((height, wide), np.float32)
+    single = np.empty((views, height, width), np.float32)
     planes = np.empty((len(warps.inverse_depths), height, width), np.uint8)
     for k in range(len(planes)):
-        single = []
-        for v in range(len(warps.nodes)):
-            maps = spread(warps.nodes[v, k], warps.spacing, top, height, width)
-            warped, inside = warp(levels, masks[v + 1], *maps)
-            single.append(cost.dissimilarity(reference, warped, own * inside, COST_RADIUS, COST_FLOOR))
-        planes[k] = cost.fuse(np.array(single), CEILING)
+        for v in range(views):
+            cost.look(levels, warps.masks[v + 1], warps.nodes[v, k], warps.spacing, top, own, warped, seen)
+            single[v] = cost.dissimilarity(reference, warped, seen, COST_RADIUS, COST_FLOOR, width)
+        planes[k] = cost.fuse(single, CEILING)
     return cost.hypotheses_last(planes)
 
 
@@ -76,7 +77,9 @@ def refine(splines, reference, warps, top, guess):
     r = WINDOW_RADIUS
     h, w = guess.shape
     V, C = len(warps.nodes), len(reference)
-    ref = np.pad(reference, ((0, 0), (r, r), (r, r)))
+    more = -w % refinement.N
+    pad = [(0, 0), (r, r), (r, r + more)]
+    ref = np.pad(reference, pad)
     values, slopes = np.zeros((2, V, C, h, w), np.float32)
     seen = np.zeros((V, h, w), np.float32)
     window = refinement.gaussian_window(r, WINDOW_SIGMA)
@@ -89,11 +92,11 @@ def refine(splines, reference, warps, top, guess):
             best = like.max(0)
             drop = like < best - MARGIN
             seen[drop] = 0
-        pad = [(0, 0), (r, r), (r, r)]
-        depth = np.pad(np.where(np.isfinite(guess), guess, refinement._FAR).astype(np.float32), r, constant_values=refinement._FAR)
+        depth = np.pad(np.where(np.isfinite(guess), guess, refinement._FAR).astype(np.float32), pad[1:], constant_values=refinement._FAR)
         change, sigma, score, like = refinement.improve(
             ref, np.pad(values, [(0, 0)] + pad), np.pad(slopes, [(0, 0)] + pad), np.pad(seen, pad), depth, window,
             1 / REACH**2, GAIN_WEIGHT, STIFFNESS, NOISE, MARGIN)
+        change, sigma, score, like = change[:, :w], sigma[:, :w], score[:, :w], like[..., :w]
         guess = guess + np.clip(np.nan_to_num(change), -1, 1)
     bad = ~np.isfinite(change) | (np.abs(change) > 0.3) | (sigma > MAX_SIGMA) | (score < MIN_SCORE) | (guess < 0) | (guess > depths - 1)
     guess[bad] = np.nan

@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit, prange
 
 _FAST = {"contract", "reassoc", "nsz", "arcp"}  # no "nnan": NaN has a meaning here
-_BLOCK = 128        # pixels whose sums are kept together, so that they stay in the cache
-_FAR = 1e6          # inverse depth (in steps) of pixels that are not known: no neighbour resembles it
+N = 128             # neighbouring pixels whose sums are built together
+_FAR = 1e4          # inverse depth (in steps) of pixels that are not known: no neighbour resembles it
 _PAIRS = 10         # numbers kept per view: 6 of the 3x3 matrix, 3 of the right side, 1 energy
 
 
@@ -98,48 +98,50 @@ def sample(spline, mask, nodes, spacing, top, guess, values, slopes, seen):
 
 
 @njit(cache=True, fastmath=_FAST)
-def _add(sums, reference, values, slopes, seen, depth, middle, window, reach, di, dj):
-    """Add one neighbour of every pixel of a block to the 21 sums of one view and channel."""
-    n = middle.shape[0]
-    di, dj, window, reach = np.float32(di), np.float32(dj), np.float32(window), np.float32(reach)
-    for x in range(n):
+def _add(s, reference, values, slopes, seen, depth, middle, window, reach, di, dj):
+    """Add one neighbour of each of N pixels to the 21 sums of one view and channel.
+
+    The sums lie one after the other in one array with steps known to the compiler: only so does it vectorise.
+    """
+    for x in range(N):
         away = depth[x] - middle[x]
         near = max(np.float32(0), np.float32(1) - away * away * reach)
         w = window * near * near * seen[x]
         r, g = reference[x], slopes[x]
-        e = values[x] - r - g * max(min(away, np.float32(100)), np.float32(-100))
+        e = values[x] - r - g * away
         wr, wg, we = w * r, w * g, w * e
         gr, gg, ge = wg * r, wg * g, wg * e
-        sums[0, x] += w
-        sums[1, x] += wr
-        sums[2, x] += wr * r
-        sums[3, x] += we
-        sums[4, x] += we * r
-        sums[5, x] += we * e
-        sums[6, x] += wg
-        sums[7, x] += wg * di
-        sums[8, x] += wg * dj
-        sums[9, x] += gr
-        sums[10, x] += gr * di
-        sums[11, x] += gr * dj
-        sums[12, x] += gg
-        sums[13, x] += gg * di
-        sums[14, x] += gg * dj
-        sums[15, x] += gg * di * di
-        sums[16, x] += gg * di * dj
-        sums[17, x] += gg * dj * dj
-        sums[18, x] += ge
-        sums[19, x] += ge * di
-        sums[20, x] += ge * dj
+        s[x] += w
+        s[N + x] += wr
+        s[2 * N + x] += wr * r
+        s[3 * N + x] += we
+        s[4 * N + x] += we * r
+        s[5 * N + x] += we * e
+        s[6 * N + x] += wg
+        s[7 * N + x] += wg * di
+        s[8 * N + x] += wg * dj
+        s[9 * N + x] += gr
+        s[10 * N + x] += gr * di
+        s[11 * N + x] += gr * dj
+        s[12 * N + x] += gg
+        s[13 * N + x] += gg * di
+        s[14 * N + x] += gg * dj
+        s[15 * N + x] += gg * di * di
+        s[16 * N + x] += gg * di * dj
+        s[17 * N + x] += gg * dj * dj
+        s[18 * N + x] += ge
+        s[19 * N + x] += ge * di
+        s[20 * N + x] += ge * dj
 
 
 @njit(cache=True, fastmath=_FAST)
-def _without_gain(sums, gain_weight, n, pairs, power, weight):
+def _without_gain(sums, gain_weight, pairs):
     """Take offset and gain out of the sums of one view and channel, and add the rest to the view's pairs.
 
     ``pairs`` holds the matrix (00 01 02 11 12 22), the right side (0 1 2) and the energy of the plane's fit.
     """
-    for x in range(n):
+    sums = sums.reshape(21, N)
+    for x in range(N):
         w = sums[0, x]
         share = np.float32(1) / max(w, np.float32(1e-6))
         r, e = sums[1, x] * share, sums[3, x] * share
@@ -157,8 +159,8 @@ def _without_gain(sums, gain_weight, n, pairs, power, weight):
         pairs[7, x] -= sums[19, x] - g1 * e - r1 * er * per
         pairs[8, x] -= sums[20, x] - g2 * e - r2 * er * per
         pairs[9, x] += max(ee - er * er * per, np.float32(0))
-        power[x] += max(rr, np.float32(0)) + np.float32(2) * er + ee  # of the other view, for the correlation
-        weight[x] += w
+        pairs[10, x] += max(rr, np.float32(0)) + np.float32(2) * er + ee  # of the other view, for the correlation
+        pairs[11, x] += w
 
 
 @njit(cache=True, fastmath=_FAST)
@@ -188,20 +190,21 @@ def _energy(pairs, x, fit):
 
 
 @njit(cache=True, fastmath=_FAST)
-def _view_sums(reference, values, slopes, seen, depth, window, reach, gain_weight, y, left, n, sums, pairs):
-    """Sums of one view around n pixels of row y: ``pairs`` (12, block), the last two its power and weight."""
+def _view_sums(reference, values, slopes, seen, depth, window, reach, gain_weight, y, left, sums, pairs):
+    """Sums of one view around N pixels of row y: ``pairs`` (12, N), the last two its power and weight."""
     radius = window.shape[0] // 2
-    middle = depth[y + radius, left + radius : left + radius + n]
+    middle = depth[y + radius, left + radius : left + radius + N]
     pairs[:] = 0
     for c in range(reference.shape[0]):
         sums[:] = 0
         for j in range(2 * radius + 1):
             for i in range(2 * radius + 1):
                 if window[j, i] > 0:
-                    row, a, b = y + j, left + i, left + i + n
+                    row, a, b = y + j, left + i, left + i + N
                     _add(sums, reference[c, row, a:b], values[c, row, a:b], slopes[c, row, a:b], seen[row, a:b],
-                         depth[row, a:b], middle, window[j, i], reach, i - radius, j - radius)
-        _without_gain(sums, gain_weight, n, pairs, pairs[_PAIRS], pairs[_PAIRS + 1])
+                         depth[row, a:b], middle, window[j, i], np.float32(reach),
+                         np.float32(i - radius), np.float32(j - radius))
+        _without_gain(sums, gain_weight, pairs)
 
 
 @njit(cache=True, fastmath=_FAST)
@@ -270,17 +273,16 @@ def improve(reference, values, slopes, seen, depth, window, reach, gain_weight, 
     result = np.full((3, height, width), np.nan, np.float32)
     likeness = np.zeros((views, height, width), np.float32)
     for y in prange(height):
-        sums, pairs = np.empty((21, _BLOCK), np.float32), np.empty((views, _PAIRS + 2, _BLOCK), np.float32)
+        sums, pairs = np.empty(21 * N, np.float32), np.empty((views, _PAIRS + 2, N), np.float32)
         fit, out, like = np.empty(4, np.float32), np.empty(3, np.float32), np.empty(views, np.float32)
         usable = np.empty(views, np.bool_)
-        for left in range(0, width, _BLOCK):
-            n = min(_BLOCK, width - left)
-            if not np.any(depth[y + radius, left + radius : left + radius + n] < _FAR):
+        for left in range(0, width, N):
+            if not np.any(depth[y + radius, left + radius : left + radius + N] < _FAR):
                 continue
             for v in range(views):
-                _view_sums(reference, values[v], slopes[v], seen[v], depth, window, reach, gain_weight, y, left, n,
+                _view_sums(reference, values[v], slopes[v], seen[v], depth, window, reach, gain_weight, y, left,
                            sums, pairs[v])
-            for x in range(n):
+            for x in range(N):
                 if not depth[y + radius, left + radius + x] < _FAR:
                     continue
                 for v in range(views):

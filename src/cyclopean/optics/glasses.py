@@ -15,7 +15,7 @@ SULTANOVA = (
     "N. Sultanova, S. Kasarova and I. Nikolov, Acta Physica Polonica A 116, 585-587 (2009); "
     "Sellmeier fit by M. Polyanskiy, refractiveindex.info"
 )
-SULTANOVA_NOTE = "measured to 1e-3; the Abbe number of the fit is 3 to 8 percent below the makers' figures"
+SULTANOVA_NOTE = "measured to 1e-3; the Abbe number of the one-term fit is some percent below the paper's"
 
 GASES_AND_LIQUIDS: tuple[dict[str, Any], ...] = (
     {
@@ -34,9 +34,9 @@ GASES_AND_LIQUIDS: tuple[dict[str, Any], ...] = (
         "range_nm": (185.0, 14100.0),
         "relative_to": "vacuum",
         "citation": "P. E. Ciddor, Applied Optics 35, 1566-1573 (1996)",
-        "note": "dry air at 15 C, 101.325 kPa, 450 ppm CO2. The paper claims 230 to 1690 nm; beyond, the index "
-        "is within 2e-6 of Peck and Reeder (1972) from 185 nm, and within 3e-7 of Mathar (2007) in the four "
-        "windows that he gives up to 14100 nm",
+        "note": "dry air at 15 C, 101.325 kPa, 450 ppm CO2. The paper claims 230 to 1690 nm; beyond, the "
+        "index is within 2e-6 of Peck and Reeder (1972) from 185 nm, and within 3e-7 of Mathar (2007) in "
+        "the four windows that he gives up to 14100 nm",
     },
     {
         "name": "water",

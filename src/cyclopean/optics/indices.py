@@ -1,5 +1,7 @@
 """The two refractive indices that a piece of glass in its surroundings comes down to."""
 
+import numbers
+
 from .media import Medium, medium
 
 
@@ -12,4 +14,4 @@ def refractive_indices(
     """
     outside = float(medium(surroundings).index_in_air(wavelength_nm))
     inside = float(medium(glass).index_in_air(wavelength_nm))
-    return outside, inside * outside if isinstance(glass, (int, float)) else inside
+    return outside, inside * outside if isinstance(glass, numbers.Real) else inside

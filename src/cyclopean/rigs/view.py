@@ -122,7 +122,13 @@ class View:
 
     def unbounded(self) -> View:
         """The same view with surfaces that have no end and an image without border: smooth across seams."""
-        return replace(self, path=self.path.unbounded(), clip=False)
+        return self._unbounded
+
+    @cached_property
+    def _unbounded(self) -> View:
+        view = replace(self, path=self.path.unbounded(), clip=False)
+        view.__dict__["_aim"] = self._aim  # it sees what this view sees, and more
+        return view
 
     def explain_pixels(self, pixels: ArrayLike) -> np.ndarray:
         """The `Reason` (integer array (...,)) why each pixel (..., 2) has no ray in this view; 0 where it has one."""
@@ -170,15 +176,13 @@ class View:
         """What projection starts from: a rough virtual camera (7, 3) and seeds (M, 2), see rigs/kernels.py."""
         width, height = self.camera.size
         pixels = np.stack(np.meshgrid(np.linspace(0, width - 1, 33), np.linspace(0, height - 1, 33)), -1).reshape(-1, 2)
-        bounded = replace(self, clip=True)
-        good = np.isfinite(bounded.rays(pixels).directions).all(-1)
-        if np.count_nonzero(good) < 6:  # an unbounded or very small region: take what any ray gives
-            good = np.isfinite(bounded.unbounded().rays(pixels).directions).all(-1)
+        good = np.isfinite(self.rays(pixels).directions).all(-1)
         if np.count_nonzero(good) < 6:
-            raise OpticError(f"no light reaches the camera through {self.name or 'this view'}; rays of the image are "
-                             f"lost because: {_tally(self.explain_pixels(pixels[::7]))}")
-        pixels = pixels[good]
-        rays, coordinates = self.unbounded().rays(pixels), self.camera.normalise(pixels)
+            raise OpticError(
+                f"no light reaches the camera through {self.name or 'this view'}; rays of the image are lost: "
+                f"{_tally(self.explain_pixels(pixels[::7]))}"
+            )
+        rays, coordinates = self.rays(pixels[good]), self.camera.normalise(pixels[good])
         return _rough_camera(rays, coordinates), _seeds(coordinates)
 
     def _blocked(self, directions, reach=np.inf):
@@ -199,10 +203,10 @@ def _tally(reasons):
 
 
 def _seeds(coordinates):
-    """A few normalised coordinates (M, 2) spread over the view: its middle, and half way to its extremes."""
-    middle = coordinates.mean(0)
-    corners = [coordinates[np.argmax(coordinates @ side)] for side in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
-    return np.array([middle, *[(middle + corner) / 2 for corner in corners]])
+    """64 normalised coordinates (64, 2), a full block, spread over the box of the view's own (N, 2)."""
+    (left, top), (right, bottom) = coordinates.min(0), coordinates.max(0)
+    grid = np.meshgrid(np.linspace(left, right, 8), np.linspace(top, bottom, 8))
+    return np.stack(grid, -1).reshape(-1, 2)
 
 
 def _rough_camera(rays, coordinates):
