@@ -6,8 +6,9 @@ Tracing: 1e6 pixels of one view of a biprism (10 degrees, index 1.5168) become r
 others start from unit vectors. Projecting: 1e6 points become pixels, through the same glass or, for packages
 that only know surfaces that face the camera, through a flat port of water or a plate. Float64, two threads,
 the contenders in turn over several rounds, medians of wall times; every answer is checked first. Results are
-stored in results/optics.json, but only when every package is installed:
-pip install batoid optiland torch aquakit optv
+stored in results/optics.json, but only when every package is here, best in an environment of their own:
+
+    pip install batoid optiland torch optv && pip install --no-deps aquakit
 """
 
 import os
@@ -21,6 +22,7 @@ import math  # noqa: E402
 import re  # noqa: E402
 import time  # noqa: E402
 from collections.abc import Callable, Sequence  # noqa: E402
+from pathlib import Path  # noqa: E402
 
 import numpy as np  # noqa: E402
 from numba import njit, prange  # noqa: E402
@@ -171,7 +173,7 @@ def ceilings(layers: Layers, pixels: np.ndarray) -> list[Contender]:
 
 def memory(count: int) -> Contender:
     """The triad over arrays that hold as many bytes together as the rays do."""
-    a, b, c = np.zeros((3, count * RAY_BYTES // 24))
+    a, b, c = np.ones((3, count * RAY_BYTES // 24))  # ones: memory that was only ever zeroed is not there yet
     return Contender("memory alone (triad)", lambda _: triad(a, b, c), np.asarray)
 
 
@@ -195,6 +197,15 @@ def race(contenders: Sequence[Contender], rounds: int, floor: float = 0.05) -> d
                 if number:  # round 0 compiles and warms up
                     times[contender.name].append(took)
     return {name: np.array(values) for name, values in times.items()}
+
+
+def busy_seconds() -> float:
+    """Processor time that everything on this machine has spent so far; NaN where the system does not tell."""
+    try:
+        user, nice, system, _, _, *interrupts = Path("/proc/stat").read_text().splitlines()[0].split()[1:8]
+    except OSError:
+        return math.nan
+    return sum(map(int, [user, nice, system, *interrupts])) / os.sysconf("SC_CLK_TCK")
 
 
 def check(contender: Contender, truth: np.ndarray, tolerance: float) -> float:
@@ -279,14 +290,21 @@ def main() -> None:
     parser.add_argument("--dry", action="store_true", help="store nothing")
     chosen = parser.parse_args()
     rng = np.random.default_rng(1)
+    began, before = time.perf_counter(), busy_seconds() - time.process_time()
     traced, missing, bandwidth = race_tracing(chosen.rounds, rng)
     projected, more = race_projecting(chosen.rounds, rng, bandwidth)
+    others = 100 * (busy_seconds() - time.process_time() - before) / (time.perf_counter() - began)
+    print(f"other programs kept {others:.0f} % of a processor busy; above 10 %, measure again\n")
     for reason in dict.fromkeys(missing + more):
         print(f"left out: {reason}")
     if missing or more or chosen.dry:
         print("not stored")
         return
-    general = {"memory_triad_gb_per_s": bandwidth / 1e9, "threads_count": THREADS}
+    general = {
+        "memory_triad_gb_per_s": bandwidth / 1e9,
+        "threads_count": THREADS,
+        "others_busy_percent": others,
+    }
     write("optics", {**traced, **projected, **general})
 
 

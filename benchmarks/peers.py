@@ -145,9 +145,8 @@ def optiland_tracing(layers: Layers, directions: np.ndarray, backend: str = "num
 
 def optiland_tracing_torch(layers: Layers, directions: np.ndarray) -> Contender:
     """optiland on its PyTorch backend (on a processor)."""
-    import torch
+    import torch  # noqa: F401
 
-    torch.set_num_threads(2)
     return optiland_tracing(layers, directions, "torch")
 
 
@@ -174,7 +173,6 @@ def aquakit_tracing(layers: Layers, directions: np.ndarray) -> Contender:
     from aquakit import snells_law_3d
     from aquakit.interface import ray_plane_intersection
 
-    torch.set_num_threads(2)
     start, origins = torch.tensor(directions), torch.zeros(directions.shape, dtype=torch.float64)
     planes = [(torch.tensor(normal), float(point @ normal), ratio) for point, normal, ratio in layers]
 
@@ -243,7 +241,6 @@ def aquakit_projecting(camera: Pinhole, layers: Layers, points: np.ndarray) -> C
     import torch
     from aquakit.projection import RefractiveProjectionModel
 
-    torch.set_num_threads(2)
     (height,), (index_in, index_out) = layers.points[:, 2], layers.indices
     (fx, fy), (cx, cy) = camera.focal, camera.centre
     matrix = torch.tensor([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], dtype=torch.float64)

@@ -1,6 +1,7 @@
 """Dense matching: photographs and maps in, inverse depth out. No lens in sight."""
 
-from cyclopean.matching.match import DepthMap, match
-from cyclopean.matching.warps import Warps
+from ..geometry import Warps
+from .agreement import agreement
+from .match import DepthMap, match
 
-__all__ = ["DepthMap", "Warps", "match"]
+__all__ = ["DepthMap", "Warps", "agreement", "match"]

@@ -13,7 +13,7 @@ _LANES = 16  # neighbouring paths that walk side by side, so that memory is read
 
 @njit(cache=True)
 def _extend(costs, before, after, small, large, total):
-    """One pixel further on one path; ``before`` and ``after`` hold D values with a margin of one and their minimum."""
+    """Go one pixel on along a path; ``before`` and ``after`` hold D values with a margin of one, and their least."""
     depths = costs.shape[0]
     least = before[depths + 2]
     jump = np.uint16(least + large)
@@ -49,11 +49,13 @@ def _sweep(volume, mask, small, large, dx, dy, total):
                     y, x = path, step if dx > 0 else width - 1 - step
                 else:
                     y = step if dy > 0 else height - 1 - step
-                    x = path + first + step if dx > 0 else path if dx == 0 else width - 1 - path - first - step
+                    x = path + first + dx * dx * step
+                    x = x if dx >= 0 else width - 1 - x
                 if x < 0 or x >= width:
                     continue
                 if mask[y, x]:
-                    _extend(volume[y, x], state[then, lane], state[now, lane], small, large[y, x], total[y, x])
+                    before, after = state[then, lane], state[now, lane]
+                    _extend(volume[y, x], before, after, small, large[y, x], total[y, x])
                 else:
                     state[now, lane, 1 : depths + 1] = np.uint16(0)
                     state[now, lane, depths + 2] = np.uint16(0)
@@ -102,8 +104,8 @@ def winner(total, mask):
             k = np.argmin(total[y, x])
             best[y, x] = k
             if 0 < k < depths - 1:
-                left, middle, right = np.float32(total[y, x, k - 1]), np.float32(total[y, x, k]), np.float32(total[y, x, k + 1])
-                bend = left - 2 * middle + right
-                if bend > 0:
-                    best[y, x] += np.float32(0.5) * (left - right) / bend
+                left = np.float32(total[y, x, k - 1]) - np.float32(total[y, x, k])
+                right = np.float32(total[y, x, k + 1]) - np.float32(total[y, x, k])
+                if left + right > 0:
+                    best[y, x] += np.float32(0.5) * (left - right) / (left + right)
     return best

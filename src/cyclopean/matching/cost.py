@@ -3,99 +3,49 @@
 import numpy as np
 from numba import njit, prange
 
+from .views import FAST, look
+
 N = 128                 # neighbouring pixels whose windows are summed together
 REACH = 8               # margin beside them, and so the largest half width of a window
 UNSEEN = np.float32(4)  # costs of a view lie in 0..2; this marks a pixel that the view does not see
 
+_RADIUS = 2             # half width of the windows that are compared, px
+_NOISE = 1.0            # variance of a grey level below which windows count as blank
+_CEILING = 0.7          # 1 - ZNCC of views that show something else
+
 _M = N + 2 * REACH
-_FAST = {"contract", "reassoc", "nsz", "arcp"}  # no "nnan": NaN has a meaning here
 
 
-def padded(width):
-    """Columns that `look` and `dissimilarity` want for a box of this width: whole blocks and two margins."""
-    return -(-width // N) * N + 2 * REACH
-
-
-@njit(parallel=True, cache=True, fastmath=_FAST)
-def look(image, mask, nodes, spacing, top, own, warped, seen):
-    """What another view shows where reference pixels of one hypothesis are seen, by bilinear interpolation.
-
-    Parameters
-    ----------
-    image : (H, W, C) float32 array
-        Photograph.
-    mask : (H, W) bool array
-        Pixels of the other view.
-    nodes : (Ny, Nx, 2) float32 array
-        Where the nodes of the lattice are seen, px.
-    spacing, top : int
-        Pixels between nodes; row of the box that is row 0 of ``own``.
-    own : (h, w) bool array
-        Pixels of the reference view.
-    warped : (C, h, padded(w)) float32 array, written
-        The other view's picture; column REACH is column 0 of the box.
-    seen : (h, padded(w)) float32 array, written
-        1 where both views count, else 0.
-    """
-    height, width = own.shape
-    for y in prange(height):
-        j = (top + y) // spacing
-        below = min(j + 1, nodes.shape[0] - 1)
-        t = np.float32((top + y) % spacing) / np.float32(spacing)
-        line = nodes[j] + t * (nodes[below] - nodes[j]) if t > 0 else nodes[j].copy()
-        seen[y] = 0
-        warped[:, y] = 0
-        for x in range(width):
-            if not own[y, x]:
-                continue
-            i = x // spacing
-            s = np.float32(x - i * spacing) / np.float32(spacing)
-            right = i + 1 if s > 0 else i
-            u = line[i, 0] + s * (line[right, 0] - line[i, 0])
-            v = line[i, 1] + s * (line[right, 1] - line[i, 1])
-            if not (u >= 0 and v >= 0 and u < mask.shape[1] - 1 and v < mask.shape[0] - 1):
-                continue
-            if not mask[int(v + np.float32(0.5)), int(u + np.float32(0.5))]:
-                continue
-            a, b = int(u), int(v)
-            u, v = u - np.float32(a), v - np.float32(b)
-            seen[y, x + REACH] = 1
-            for c in range(image.shape[2]):
-                upper = image[b, a, c] + u * (image[b, a + 1, c] - image[b, a, c])
-                lower = image[b + 1, a, c] + u * (image[b + 1, a + 1, c] - image[b + 1, a, c])
-                warped[c, y, x + REACH] = upper + v * (lower - upper)
-
-
-@njit(cache=True, fastmath=_FAST)
-def _add_row(s, reference, warped, seen):
+@njit(cache=True, fastmath=FAST)
+def _add_row(s, weight, reference, warped, seen):
     """Add one row of one channel to the column sums: seen, r, w, r r, w w, r w.
 
     The sums lie one after the other in one array with steps known to the compiler: only so does it vectorise.
     """
     for x in range(_M):
-        m = seen[x]
+        m = weight * seen[x]
         r, w = m * reference[x], m * warped[x]
         s[x] += m
         s[_M + x] += r
         s[2 * _M + x] += w
-        s[3 * _M + x] += r * r
-        s[4 * _M + x] += w * w
-        s[5 * _M + x] += r * w
+        s[3 * _M + x] += r * reference[x]
+        s[4 * _M + x] += w * warped[x]
+        s[5 * _M + x] += r * warped[x]
 
 
-@njit(cache=True, fastmath=_FAST)
-def _add_columns(window, s):
+@njit(cache=True, fastmath=FAST)
+def _add_columns(window, weight, s):
     """Add the N leading column sums to the windows."""
     for x in range(N):
-        window[x] += s[x]
-        window[N + x] += s[_M + x]
-        window[2 * N + x] += s[2 * _M + x]
-        window[3 * N + x] += s[3 * _M + x]
-        window[4 * N + x] += s[4 * _M + x]
-        window[5 * N + x] += s[5 * _M + x]
+        window[x] += weight * s[x]
+        window[N + x] += weight * s[_M + x]
+        window[2 * N + x] += weight * s[2 * _M + x]
+        window[3 * N + x] += weight * s[3 * _M + x]
+        window[4 * N + x] += weight * s[4 * _M + x]
+        window[5 * N + x] += weight * s[5 * _M + x]
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=FAST)
 def _add_channel(total, window, floor):
     """Add one channel's covariance and the two variances of every window."""
     for x in range(N):
@@ -107,15 +57,18 @@ def _add_channel(total, window, floor):
         total[2 * N + x] += window[4 * N + x] - w * w * share + noise
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST)
+@njit(parallel=True, cache=True, fastmath=FAST)
 def dissimilarity(reference, warped, seen, radius, floor, width):
     """1 - ZNCC of square windows, all channels together.
 
+    Weights fall off linearly from the middle of a window, which keeps the edges of things in place.
+
     Parameters
     ----------
-    reference, warped : (C, h, padded(width)) float32 arrays
-        The two pictures; finite everywhere; column REACH is column 0 of the box.
-    seen : (h, padded(width)) float32 array
+    reference, warped : (C, h, wide) float32 arrays
+        The two pictures; finite everywhere. Column REACH is column 0 of the box, and there are whole blocks
+        of N columns with a margin of REACH on both sides.
+    seen : (h, wide) float32 array
         1 where both pictures count, else 0.
     radius : int
         Half width of the window, px, up to REACH.
@@ -131,22 +84,24 @@ def dissimilarity(reference, warped, seen, radius, floor, width):
     """
     channels, height, _ = reference.shape
     cost = np.empty((height, width), np.float32)
-    enough = np.float32((2 * radius + 1) ** 2) / np.float32(2)
+    enough = np.float32((radius + 1) ** 4) / np.float32(2)
     for y in prange(height):
-        columns, window, total = np.empty(6 * _M, np.float32), np.empty(6 * N, np.float32), np.empty(3 * N, np.float32)
+        columns, window = np.empty(6 * _M, np.float32), np.empty(6 * N, np.float32)
+        total = np.empty(3 * N, np.float32)
         for left in range(0, width, N):
             part = slice(left, left + _M)
             total[:] = 0
             for c in range(channels):
                 columns[:] = 0
                 for row in range(max(0, y - radius), min(height, y + radius + 1)):
-                    _add_row(columns, reference[c, row, part], warped[c, row, part], seen[row, part])
+                    weight = np.float32(radius + 1 - abs(row - y))
+                    _add_row(columns, weight, reference[c, row, part], warped[c, row, part], seen[row, part])
                 window[:] = 0
-                for shift in range(REACH - radius, REACH + radius + 1):
-                    _add_columns(window, columns[shift:])
+                for dx in range(-radius, radius + 1):
+                    _add_columns(window, np.float32(radius + 1 - abs(dx)), columns[REACH + dx :])
                 _add_channel(total, window, np.float32(floor))
             for x in range(min(N, width - left)):
-                power = np.sqrt(max(total[N + x], np.float32(1e-12)) * max(total[2 * N + x], np.float32(1e-12)))
+                power = np.sqrt(max(total[N + x] * total[2 * N + x], np.float32(1e-12)))
                 known = seen[y, left + x + REACH] > 0 and window[x] >= enough
                 cost[y, left + x] = np.float32(1) - total[x] / power if known else UNSEEN
     return cost
@@ -196,3 +151,40 @@ def hypotheses_last(planes):
             for x in range(width):
                 volume[y, x, k] = line[x]
     return volume
+
+
+def cost_volume(levels, warps, rows, tick):
+    """Cost of every hypothesis at every pixel of some rows of the reference box.
+
+    Parameters
+    ----------
+    levels : (H, W, C) float32 array
+        Photograph in grey levels.
+    warps : Warps
+        Maps into the other views.
+    rows : slice
+        Rows of the box.
+    tick : callable
+        Called after each hypothesis.
+
+    Returns
+    -------
+    (h, w, D) uint8 array
+        0 (all views alike) to 255.
+    """
+    (x0, y0), (width, _), views, channels = warps.origin, warps.size, len(warps.nodes), levels.shape[-1]
+    top, own = rows.start, np.ascontiguousarray(warps.reference_mask()[rows])
+    height, wide = len(own), -(-width // N) * N + 2 * REACH
+    reference, warped = np.zeros((2, channels, height, wide), np.float32)
+    box = levels[y0 + rows.start : y0 + rows.stop, x0 : x0 + width]
+    reference[..., REACH : REACH + width] = np.moveaxis(box, -1, 0)
+    seen = np.zeros((height, wide), np.float32)
+    costs = np.empty((views, height, width), np.float32)
+    planes = np.empty((len(warps.inverse_depths), height, width), np.uint8)
+    for k in range(len(planes)):
+        for v in range(views):
+            look(levels, warps.masks[v + 1], warps.nodes[v, k], warps.spacing, top, own, REACH, warped, seen)
+            costs[v] = dissimilarity(reference, warped, seen, _RADIUS, _NOISE, width)
+        planes[k] = fuse(costs, _CEILING)
+        tick()
+    return hypotheses_last(planes)

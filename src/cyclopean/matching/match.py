@@ -1,122 +1,145 @@
-"""Dense matching of one reference view against all others of the same photograph."""
+"""Dense matching of one reference view with all other views of the same photograph."""
 
+import itertools
+import threading
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import spline_filter
 
-from cyclopean.errors import ImageError
-from cyclopean.matching import aggregation, cost, refinement
-from cyclopean.matching.warps import Warps
+from ..errors import ImageError
+from ..geometry import Warps
+from .aggregation import aggregate, winner
+from .cost import cost_volume
+from .refinement import ITERATIONS, refine
 
-COST_RADIUS = 2
-COST_FLOOR = 1.0
-CEILING = 0.7
-SMALL, LARGE, LEAST_LARGE, EDGE = 8, 120, 30, 12.0
-OVERLAP = 48
-WINDOW_RADIUS, WINDOW_SIGMA = 5, 2.5
-REACH = 1.5
-GAIN_WEIGHT = 100.0
-STIFFNESS = 100.0
-NOISE = 0.2
-MARGIN = 0.3
-ITERATIONS = 3
-MAX_SIGMA, MIN_SCORE = 0.5, 0.6
+_OVERLAP = 48           # rows beyond a strip on each side that are worked on too, so that no seam shows
+_LEAST_ROWS = 16        # of a strip without its overlaps
+_SMALL, _LARGE = 8, 120 # penalties for a change of depth between neighbours: by one step, by more
+_EDGE, _LEAST = 12, 30  # where the picture changes by _EDGE grey levels a px, _LARGE is halved; never below _LEAST
+_ALONE = threading.Lock()  # one of numba's threading layers aborts when two threads start kernels at once
 
 
 @dataclass(frozen=True, eq=False)
 class DepthMap:
-    """Inverse depth of every pixel of a reference box."""
+    """Inverse depth at every pixel of a reference view's box."""
 
-    origin: tuple[int, int]    # (x, y) of the top-left pixel in the photograph
+    origin: tuple[int, int]    # (x, y) of the box's top-left pixel in the photograph
     inverse_depth: np.ndarray  # (h, w) float32, 1/mm; NaN unknown
-    sigma: np.ndarray          # (h, w) float32, standard deviation of inverse_depth, 1/mm
-    score: np.ndarray          # (h, w) float32, 0 to 1
+    sigma: np.ndarray          # (h, w) float32, standard deviation of inverse_depth, 1/mm; NaN unknown
+    score: np.ndarray          # (h, w) float32, correlation of the views, 0 to 1; 0 unknown
 
     def at(self, pixels):
-        i = np.round(np.nan_to_num(np.asarray(pixels, float), nan=-1e6)).astype(int) - np.array(self.origin)
-        h, w = self.inverse_depth.shape
-        inside = (i[..., 0] >= 0) & (i[..., 1] >= 0) & (i[..., 0] < w) & (i[..., 1] < h)
-        out = np.full(i.shape[:-1], np.nan, np.float32)
-        out[inside] = self.inverse_depth[i[inside][:, 1], i[inside][:, 0]]
-        return out
+        """Inverse depth of the pixels nearest to some places of the photograph.
+
+        Parameters
+        ----------
+        pixels : (..., 2) array
+            Places; NaN allowed.
+
+        Returns
+        -------
+        (...) float32 array
+            1/mm, NaN outside the box or where the map knows nothing.
+        """
+        places = np.rint(np.asarray(pixels, dtype=float)) - self.origin
+        height, width = self.inverse_depth.shape
+        inside = np.all((places >= 0) & (places < (width, height)), axis=-1)
+        x, y = np.moveaxis(np.where(inside[..., None], places, 0).astype(int), -1, 0)
+        return np.where(inside, self.inverse_depth[y, x], np.float32(np.nan))
+
+
+def match(image, warps: Warps, *, memory_mib=1024, progress=None) -> DepthMap:
+    """Find the inverse depth of every pixel of a reference view.
+
+    The other views are brought into the reference view at every hypothesis and compared window by window
+    (ZNCC over all channels); the costs are aggregated semi-globally; the winner is refined by Gauss-Newton on
+    slanted windows of all views that see the point. What has no texture stays unknown: no depth is invented.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, C) array
+        Photograph, unsigned integers or real numbers, linear in light or not.
+    warps : Warps
+        Maps from the reference view into the others.
+    memory_mib : float
+        Memory to use, MiB; large photographs are worked through in strips.
+    progress : callable, optional
+        Called as ``progress(done, total)`` now and then.
+
+    Returns
+    -------
+    DepthMap
+        Of the reference view.
+    """
+    levels = grey_levels(image)
+    if levels.shape[:2] != warps.masks.shape[1:]:
+        raise ImageError(
+            f"the maps want an image of {warps.masks.shape[1:]} rows and columns, got {levels.shape[:2]}; "
+            "make the maps for the camera that took it"
+        )
+    width, height = warps.size
+    result = np.full((3, height, width), np.nan, np.float32)
+    strips = _strips(warps, levels, memory_mib)
+    ticks, total = itertools.count(1), len(strips) * (len(warps.inverse_depths) + 1 + ITERATIONS)
+
+    def tick():
+        if progress is not None:
+            progress(next(ticks), total)
+
+    with _ALONE:
+        for keep, rows in strips:
+            inner = slice(keep.start - rows.start, keep.stop - rows.start)
+            result[:, keep] = np.stack(_match_strip(levels, warps, rows, tick))[:, inner]
+    steps, sigma, score = result
+    unknown = np.isnan(steps)
+    inverse_depth = (warps.inverse_depths[0] + steps.astype(float) * warps.step).astype(np.float32)
+    sigma[unknown], score[unknown] = np.nan, 0
+    return DepthMap(warps.origin, inverse_depth, sigma * np.float32(warps.step), score)
 
 
 def grey_levels(image):
+    """Scale a picture to 255, for the end of its integer type or its largest real number: (H, W, C) float32."""
     image = np.asarray(image)
-    top = np.iinfo(image.dtype).max if image.dtype.kind == "u" else float(np.nanmax(np.abs(image))) or 1.0
-    levels = np.nan_to_num(image.astype(np.float32) * np.float32(255 / top))
-    return levels if levels.ndim == 3 else levels[..., None]
+    if image.ndim not in (2, 3) or image.size == 0:
+        raise ImageError(f"an image must have shape (H, W) or (H, W, C), got {image.shape}")
+    if image.dtype.kind not in "uf":
+        raise ImageError(f"an image must hold unsigned integers or real numbers, got {image.dtype}")
+    if image.dtype.kind == "u":
+        top = np.iinfo(image.dtype).max
+    else:
+        top = np.max(np.abs(image), initial=0, where=np.isfinite(image))
+    levels = np.nan_to_num(image.astype(np.float32) * np.float32(255 / (top or 1)), posinf=0, neginf=0)
+    return levels.reshape(*image.shape[:2], -1)
 
 
-def costs(levels, warps, rows):
+def _strips(warps, levels, memory_mib):
+    """Strips of the box that fit into memory: (rows to keep, rows to work on)."""
+    (width, height), views, channels = warps.size, *warps.masks.shape[:1], levels.shape[-1]
+    volume = 3 * len(warps.inverse_depths) + 4 * (views + 2 * channels)  # bytes a pixel, while aggregating
+    windows = 4 * (2 * views * (channels + 1) + channels + 12)           # and while refining
+    left = memory_mib * 2**20 - 2 * levels.nbytes
+    rows = int(left / (width * max(volume, windows))) - 2 * _OVERLAP
+    rows = height if rows + 2 * _OVERLAP >= height else max(rows, _LEAST_ROWS)
+    keep = [slice(top, min(top + rows, height)) for top in range(0, height, rows)]
+    return [(k, slice(max(k.start - _OVERLAP, 0), min(k.stop + _OVERLAP, height))) for k in keep]
+
+
+def _match_strip(levels, warps, rows, tick):
+    """Inverse depth, sigma (both in steps) and score of some rows of the box."""
     (x0, y0), (width, _) = warps.origin, warps.size
-    top, height = rows.start, rows.stop - rows.start
-    own = np.ascontiguousarray(warps.reference_mask()[top : rows.stop])
-    wide = cost.padded(width)
-    views, channels = len(warps.nodes), levels.shape[-1]
-    reference = np.zeros((channels, height, wide), np.float32)
-    reference[..., cost.REACH : cost.REACH + width] = np.moveaxis(levels[y0 + top : y0 + rows.stop, x0 : x0 + width], -1, 0)
-    warped, seen = np.empty((channels, height, wide), np.float32), np.empty((height, wide), np.float32)
-    single = np.empty((views, height, width), np.float32)
-    planes = np.empty((len(warps.inverse_depths), height, width), np.uint8)
-    for k in range(len(planes)):
-        for v in range(views):
-            cost.look(levels, warps.masks[v + 1], warps.nodes[v, k], warps.spacing, top, own, warped, seen)
-            single[v] = cost.dissimilarity(reference, warped, seen, COST_RADIUS, COST_FLOOR, width)
-        planes[k] = cost.fuse(single, CEILING)
-    return cost.hypotheses_last(planes)
+    mask = np.ascontiguousarray(warps.reference_mask()[rows])
+    volume = cost_volume(levels, warps, rows, tick)
+    grey = levels[y0 + rows.start : y0 + rows.stop, x0 : x0 + width].mean(axis=-1)
+    guess = winner(aggregate(volume, mask, _SMALL, _penalties(grey)), mask)
+    tick()
+    del volume
+    return refine(levels, warps, rows, guess, tick)
 
 
-def penalties(grey):
-    jump = np.maximum(np.abs(np.gradient(grey, axis=0)), np.abs(np.gradient(grey, axis=1)))
-    return np.maximum(LARGE / (1 + jump / EDGE), LEAST_LARGE).astype(np.uint16)
-
-
-def refine(splines, reference, warps, top, guess):
-    r = WINDOW_RADIUS
-    h, w = guess.shape
-    V, C = len(warps.nodes), len(reference)
-    more = -w % refinement.N
-    pad = [(0, 0), (r, r), (r, r + more)]
-    ref = np.pad(reference, pad)
-    values, slopes = np.zeros((2, V, C, h, w), np.float32)
-    seen = np.zeros((V, h, w), np.float32)
-    window = refinement.gaussian_window(r, WINDOW_SIGMA)
-    depths = len(warps.inverse_depths)
-    like = None
-    for _ in range(ITERATIONS):
-        for v in range(V):
-            refinement.sample(splines, warps.masks[v + 1], warps.nodes[v], warps.spacing, top, guess, values[v], slopes[v], seen[v])
-        if like is not None:
-            best = like.max(0)
-            drop = like < best - MARGIN
-            seen[drop] = 0
-        depth = np.pad(np.where(np.isfinite(guess), guess, refinement._FAR).astype(np.float32), pad[1:], constant_values=refinement._FAR)
-        change, sigma, score, like = refinement.improve(
-            ref, np.pad(values, [(0, 0)] + pad), np.pad(slopes, [(0, 0)] + pad), np.pad(seen, pad), depth, window,
-            1 / REACH**2, GAIN_WEIGHT, STIFFNESS, NOISE, MARGIN)
-        change, sigma, score, like = change[:, :w], sigma[:, :w], score[:, :w], like[..., :w]
-        guess = guess + np.clip(np.nan_to_num(change), -1, 1)
-    bad = ~np.isfinite(change) | (np.abs(change) > 0.3) | (sigma > MAX_SIGMA) | (score < MIN_SCORE) | (guess < 0) | (guess > depths - 1)
-    guess[bad] = np.nan
-    return guess, sigma, score
-
-
-def match(image, warps, *, memory_mib=1024, progress=None):
-    levels = grey_levels(image)
-    splines = np.stack([spline_filter(levels[..., c], order=3, output=np.float32) for c in range(levels.shape[-1])], -1)
-    w, h = warps.size
-    guess, sigma, score = _strip(levels, splines, warps, range(0, h))
-    q = warps.inverse_depths[0] + guess * warps.step
-    return DepthMap(warps.origin, q.astype(np.float32), (sigma * warps.step).astype(np.float32), score)
-
-
-def _strip(levels, splines, warps, rows):
-    volume = costs(levels, warps, rows)
-    (x0, y0), (width, _) = warps.origin, warps.size
-    ref = levels[y0 + rows.start : y0 + rows.stop, x0 : x0 + width]
-    mask = np.ascontiguousarray(warps.reference_mask()[rows.start : rows.stop])
-    total = aggregation.aggregate(volume, mask, SMALL, penalties(ref.mean(-1)))
-    guess = aggregation.winner(total, mask)
-    return refine(splines, np.ascontiguousarray(np.moveaxis(ref, -1, 0)), warps, rows.start, guess)
+def _penalties(grey):
+    """Penalty for a jump in depth at each pixel, lower where the picture changes, (h, w) uint16."""
+    change = np.zeros_like(grey)
+    for axis in (0, 1):
+        ahead = np.abs(np.diff(grey, axis=axis, append=np.take(grey, [-1], axis=axis)))
+        change = np.maximum(change, np.maximum(ahead, np.roll(ahead, 1, axis=axis)))
+    return np.maximum(_LARGE / (1 + change / _EDGE), _LEAST).astype(np.uint16)

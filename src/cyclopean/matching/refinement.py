@@ -10,94 +10,27 @@ Lucas and Kanade, IJCAI 1981; Baker and Matthews, Lucas-Kanade 20 years on, IJCV
 
 import numpy as np
 from numba import njit, prange
+from scipy.ndimage import spline_filter
 
-_FAST = {"contract", "reassoc", "nsz", "arcp"}  # no "nnan": NaN has a meaning here
+from .views import FAST, UNKNOWN, sample
+
 N = 128             # neighbouring pixels whose sums are built together
-_FAR = 1e4          # inverse depth (in steps) of pixels that are not known: no neighbour resembles it
 _PAIRS = 10         # numbers kept per view: 6 of the 3x3 matrix, 3 of the right side, 1 energy
 
-
-@njit(cache=True, fastmath=_FAST)
-def _spline_weights(t, weights, slopes):
-    """Cubic B-spline and its derivative at the four pixels around a fraction t of a pixel."""
-    s = np.float32(1) - t
-    sixth, half = np.float32(1 / 6), np.float32(0.5)
-    weights[0], weights[3] = sixth * s * s * s, sixth * t * t * t
-    weights[1] = np.float32(2 / 3) - half * t * t * (np.float32(2) - t)
-    weights[2] = np.float32(2 / 3) - half * s * s * (np.float32(2) - s)
-    slopes[0], slopes[3] = -half * s * s, half * t * t
-    slopes[1] = half * t * (np.float32(3) * t - np.float32(4))
-    slopes[2] = -half * s * (np.float32(3) * s - np.float32(4))
-
-
-@njit(cache=True, fastmath=_FAST)
-def _place(nodes, spacing, row, column, hypothesis, place):
-    """Where a reference pixel is seen at a hypothesis, and how far one more step moves it: x, y, dx, dy."""
-    j, i = row // spacing, column // spacing
-    t, s = np.float32(row % spacing) / np.float32(spacing), np.float32(column % spacing) / np.float32(spacing)
-    below, right = (j + 1 if t > 0 else j), (i + 1 if s > 0 else i)
-    k = min(max(int(hypothesis), 0), nodes.shape[0] - 2)
-    one = np.float32(1)
-    for axis in range(2):
-        near = (one - t) * ((one - s) * nodes[k, j, i, axis] + s * nodes[k, j, right, axis])
-        near += t * ((one - s) * nodes[k, below, i, axis] + s * nodes[k, below, right, axis])
-        far = (one - t) * ((one - s) * nodes[k + 1, j, i, axis] + s * nodes[k + 1, j, right, axis])
-        far += t * ((one - s) * nodes[k + 1, below, i, axis] + s * nodes[k + 1, below, right, axis])
-        place[2 + axis] = far - near
-        place[axis] = near + (hypothesis - np.float32(k)) * (far - near)
+_RADIUS = 5         # half width of the window, px
+_WIDTH = 2.5        # standard deviation of the window's Gaussian weights, px
+_REACH = 1.0        # neighbours count up to this difference of inverse depth, in steps
+_GAIN_WEIGHT = 100.0  # grey levels squared: noise of 1 level, gains within 10 %
+_STIFFNESS = 100.0  # grey levels squared: noise of 1 level, slopes of about 0.1 steps per px
+_NOISE = 0.2        # least variance of a grey level: 2 / 12 of the rounding, and some
+_MARGIN = 0.15      # a view whose likeness is this far below the best view's does not see the point
+ITERATIONS = 3
+_MAX_CHANGE = 0.3   # steps in the last iteration: more has not converged
+_MAX_SIGMA = 0.5    # steps, a quarter of a pixel: more is a window without texture
+_MIN_SCORE = 0.6    # less is something else
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST)
-def sample(spline, mask, nodes, spacing, top, guess, values, slopes, seen):
-    """Look up another view where each reference pixel is seen at its present inverse depth.
-
-    Parameters
-    ----------
-    spline : (H, W, C) float32 array
-        Cubic B-spline coefficients of the photograph.
-    mask : (H, W) bool array
-        Pixels of the other view.
-    nodes : (D, Ny, Nx, 2) float32 array
-        Maps into the other view.
-    spacing, top : int
-        Pixels between nodes; row of the box that is row 0 of ``guess``.
-    guess : (h, w) float32 array
-        Inverse depth in steps; NaN unknown.
-    values, slopes : (C, h, w) float32 arrays, written
-        The other view and its change per step of inverse depth.
-    seen : (h, w) float32 array, written
-        1 where the view sees the pixel, else 0.
-    """
-    height, width = guess.shape
-    channels = spline.shape[2]
-    for y in prange(height):
-        place = np.empty(4, np.float32)
-        wx, wy, gx, gy = np.empty(4, np.float32), np.empty(4, np.float32), np.empty(4, np.float32), np.empty(4, np.float32)
-        for x in range(width):
-            seen[y, x] = 0
-            for c in range(channels):
-                values[c, y, x] = slopes[c, y, x] = 0
-            if not guess[y, x] > -_FAR:
-                continue
-            _place(nodes, spacing, top + y, x, guess[y, x], place)
-            inside = place[0] >= 1 and place[1] >= 1 and place[0] < mask.shape[1] - 2 and place[1] < mask.shape[0] - 2
-            if not inside or not mask[int(place[1] + np.float32(0.5)), int(place[0] + np.float32(0.5))]:
-                continue
-            i, j = int(place[0]), int(place[1])
-            _spline_weights(place[0] - i, wx, gx)
-            _spline_weights(place[1] - j, wy, gy)
-            seen[y, x] = 1
-            for n in range(4):
-                for m in range(4):
-                    flat = wy[n] * wx[m]
-                    tilt = place[2] * wy[n] * gx[m] + place[3] * gy[n] * wx[m]
-                    for c in range(channels):
-                        coefficient = spline[j + n - 1, i + m - 1, c]
-                        values[c, y, x] += flat * coefficient
-                        slopes[c, y, x] += tilt * coefficient
-
-
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=FAST)
 def _add(s, reference, values, slopes, seen, depth, middle, window, reach, di, dj):
     """Add one neighbour of each of N pixels to the 21 sums of one view and channel.
 
@@ -134,11 +67,12 @@ def _add(s, reference, values, slopes, seen, depth, middle, window, reach, di, d
         s[20 * N + x] += ge * dj
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=FAST)
 def _without_gain(sums, gain_weight, pairs):
     """Take offset and gain out of the sums of one view and channel, and add the rest to the view's pairs.
 
-    ``pairs`` holds the matrix (00 01 02 11 12 22), the right side (0 1 2) and the energy of the plane's fit.
+    ``pairs`` holds the matrix (00 01 02 11 12 22), the right side (0 1 2) and the energy before the fit; then come the
+    variance of the other view and the sum of the weights.
     """
     sums = sums.reshape(21, N)
     for x in range(N):
@@ -159,13 +93,13 @@ def _without_gain(sums, gain_weight, pairs):
         pairs[7, x] -= sums[19, x] - g1 * e - r1 * er * per
         pairs[8, x] -= sums[20, x] - g2 * e - r2 * er * per
         pairs[9, x] += max(ee - er * er * per, np.float32(0))
-        pairs[10, x] += max(rr, np.float32(0)) + np.float32(2) * er + ee  # of the other view, for the correlation
+        pairs[10, x] += max(rr, np.float32(0)) + np.float32(2) * er + ee
         pairs[11, x] += w
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=FAST)
 def _solve(pairs, stiffness, x, fit):
-    """Height and slopes of the plane at pixel x; also the variance factor of the height. NaN if undetermined."""
+    """Find height and slopes of the plane at pixel x, and the variance factor of the height; NaN undetermined."""
     a, b, c = pairs[0, x], pairs[1, x], pairs[2, x]
     d, e, f = pairs[3, x] + stiffness, pairs[4, x], pairs[5, x] + stiffness
     m0, m1, m2 = d * f - e * e, c * e - b * f, b * e - c * d
@@ -180,18 +114,20 @@ def _solve(pairs, stiffness, x, fit):
     fit[3] = m0 / det
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=FAST)
 def _energy(pairs, x, fit):
     """What is left of the energy with the plane in place."""
     u, v, w = fit[0], fit[1], fit[2]
     square = pairs[0, x] * u * u + pairs[3, x] * v * v + pairs[5, x] * w * w
     cross = pairs[1, x] * u * v + pairs[2, x] * u * w + pairs[4, x] * v * w
-    return max(pairs[9, x] + square + 2 * cross - 2 * (pairs[6, x] * u + pairs[7, x] * v + pairs[8, x] * w), np.float32(0))
+    gain = pairs[6, x] * u + pairs[7, x] * v + pairs[8, x] * w
+    return max(pairs[9, x] + square + np.float32(2) * (cross - gain), np.float32(0))
 
 
-@njit(cache=True, fastmath=_FAST)
-def _view_sums(reference, values, slopes, seen, depth, window, reach, gain_weight, y, left, sums, pairs):
+@njit(cache=True, fastmath=FAST)
+def _view_sums(reference, looks, depth, window, reach, gain_weight, y, left, sums, pairs):
     """Sums of one view around N pixels of row y: ``pairs`` (12, N), the last two its power and weight."""
+    values, slopes, seen = looks
     radius = window.shape[0] // 2
     middle = depth[y + radius, left + radius : left + radius + N]
     pairs[:] = 0
@@ -200,16 +136,16 @@ def _view_sums(reference, values, slopes, seen, depth, window, reach, gain_weigh
         for j in range(2 * radius + 1):
             for i in range(2 * radius + 1):
                 if window[j, i] > 0:
-                    row, a, b = y + j, left + i, left + i + N
-                    _add(sums, reference[c, row, a:b], values[c, row, a:b], slopes[c, row, a:b], seen[row, a:b],
-                         depth[row, a:b], middle, window[j, i], np.float32(reach),
-                         np.float32(i - radius), np.float32(j - radius))
+                    at, to = y + j, slice(left + i, left + i + N)
+                    r, v, g = reference[c, at, to], values[c, at, to], slopes[c, at, to]
+                    di, dj = np.float32(i - radius), np.float32(j - radius)
+                    _add(sums, r, v, g, seen[at, to], depth[at, to], middle, window[j, i], reach, di, dj)
         _without_gain(sums, gain_weight, pairs)
 
 
-@njit(cache=True, fastmath=_FAST)
-def _judge(pairs, usable, x, stiffness, noise, margin, fit, out, likeness):
-    """Fit the plane at pixel x to the usable views, and say how well: writes change, sigma, score, likeness."""
+@njit(cache=True, fastmath=FAST)
+def _judge(pairs, usable, x, stiffness, noise, fit, out, likeness):
+    """Fit the plane at pixel x to the usable views, and say how well: change, sigma, score; likeness."""
     views = pairs.shape[0]
     total = np.zeros((_PAIRS, 1), np.float32)
     weight, power, used = np.float32(0), np.float32(0), 0
@@ -234,7 +170,7 @@ def _judge(pairs, usable, x, stiffness, noise, margin, fit, out, likeness):
         likeness[v] = np.sqrt(max(np.float32(1) - share, np.float32(0)))
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST)
+@njit(parallel=True, cache=True, fastmath=FAST)
 def improve(reference, values, slopes, seen, depth, window, reach, gain_weight, stiffness, noise, margin):
     """One Gauss-Newton step at every pixel.
 
@@ -264,7 +200,7 @@ def improve(reference, values, slopes, seen, depth, window, reach, gain_weight, 
     Returns
     -------
     change, sigma, score : (h, w) float32 arrays
-        Change of inverse depth and its standard deviation in steps, correlation coefficient; NaN undetermined.
+        Change of inverse depth and its standard deviation in steps, correlation coefficient; NaN if undetermined.
     likeness : (V-1, h, w) float32 array
         Correlation coefficient with each view.
     """
@@ -277,31 +213,84 @@ def improve(reference, values, slopes, seen, depth, window, reach, gain_weight, 
         fit, out, like = np.empty(4, np.float32), np.empty(3, np.float32), np.empty(views, np.float32)
         usable = np.empty(views, np.bool_)
         for left in range(0, width, N):
-            if not np.any(depth[y + radius, left + radius : left + radius + N] < _FAR):
+            if not np.any(depth[y + radius, left + radius : left + radius + N] < UNKNOWN):
                 continue
             for v in range(views):
-                _view_sums(reference, values[v], slopes[v], seen[v], depth, window, reach, gain_weight, y, left,
-                           sums, pairs[v])
+                looks = values[v], slopes[v], seen[v]
+                _view_sums(reference, looks, depth, window, reach, gain_weight, y, left, sums, pairs[v])
             for x in range(N):
-                if not depth[y + radius, left + radius + x] < _FAR:
+                if not depth[y + radius, left + radius + x] < UNKNOWN:
                     continue
                 for v in range(views):
                     usable[v] = seen[v, y + radius, left + radius + x] > 0 and pairs[v, _PAIRS + 1, x] > 0
                 like[:] = 0
-                _judge(pairs, usable, x, stiffness, noise, margin, fit, out, like)
+                _judge(pairs, usable, x, stiffness, noise, fit, out, like)
                 best = np.max(like)
                 dropped = False
                 for v in range(views):
                     if usable[v] and like[v] < best - margin:
                         usable[v], dropped = False, True
                 if dropped:
-                    _judge(pairs, usable, x, stiffness, noise, margin, fit, out, like)
+                    _judge(pairs, usable, x, stiffness, noise, fit, out, like)
                 result[:, y, left + x] = out
                 likeness[:, y, left + x] = like
     return result[0], result[1], result[2], likeness
 
 
-def gaussian_window(radius, sigma):
-    """Weights that fall off from the middle, (2 radius + 1, 2 radius + 1) float32, 1 in the middle."""
-    line = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
+def refine(levels, warps, rows, guess, tick):
+    """Sharpen the inverse depths of some rows of the reference box.
+
+    Parameters
+    ----------
+    levels : (H, W, C) float32 array
+        Photograph in grey levels.
+    warps : Warps
+        Maps into the other views.
+    rows : slice
+        Rows of the box.
+    guess : (h, w) float32 array
+        Inverse depth in steps, good to about a step; NaN unknown.
+    tick : callable
+        Called after each iteration.
+
+    Returns
+    -------
+    depth, sigma, score : (h, w) float32 arrays
+        Inverse depth and its standard deviation in steps, correlation coefficient of all views; depth is NaN
+        where there is too little texture, too little likeness or no convergence.
+    """
+    (x0, y0), (width, _), views = warps.origin, warps.size, len(warps.nodes)
+    edges = (_RADIUS, _RADIUS), (_RADIUS, _RADIUS + -width % N)
+    box = levels[y0 + rows.start : y0 + rows.stop, x0 : x0 + width]
+    reference = np.pad(np.moveaxis(box, -1, 0), ((0, 0), *edges))
+    spline = _spline(levels)
+    values, slopes = np.zeros((2, views, *reference.shape), np.float32)
+    seen = np.zeros((views, *reference.shape[1:]), np.float32)
+    likeness = np.ones((views, *guess.shape), np.float32)
+    window, inner = _window(), (slice(None), slice(_RADIUS, -_RADIUS), slice(_RADIUS, _RADIUS + width))
+    for _ in range(ITERATIONS):
+        for v in range(views):
+            sample(spline, warps.masks[v + 1], warps.nodes[v], warps.spacing, rows.start, guess, _RADIUS,
+                   values[v], slopes[v], seen[v])
+        seen[inner] *= likeness >= likeness.max(axis=0) - _MARGIN
+        depth = np.pad(np.nan_to_num(guess, nan=UNKNOWN), edges, constant_values=UNKNOWN)
+        found = improve(reference, values, slopes, seen, depth, window, np.float32(1 / _REACH**2),
+                        _GAIN_WEIGHT, _STIFFNESS, _NOISE, _MARGIN)
+        change, sigma, score, likeness = (a[..., :width] for a in found)
+        guess = guess + np.clip(np.nan_to_num(change), -1, 1)
+        tick()
+    good = (np.abs(change) <= _MAX_CHANGE) & (sigma <= _MAX_SIGMA) & (score >= _MIN_SCORE)
+    good &= (guess >= 0) & (guess <= len(warps.inverse_depths) - 1)
+    return np.where(good, guess, np.float32(np.nan)), sigma, score
+
+
+def _spline(levels):
+    """Cubic B-spline coefficients of a picture, (H, W, C) float32."""
+    planes = [spline_filter(levels[..., c], order=3, output=np.float32) for c in range(levels.shape[-1])]
+    return np.stack(planes, axis=-1)
+
+
+def _window():
+    """Weights of the neighbours, (2 r + 1, 2 r + 1) float32, 1 in the middle."""
+    line = np.exp(-0.5 * (np.arange(-_RADIUS, _RADIUS + 1) / _WIDTH) ** 2)
     return np.outer(line, line).astype(np.float32)

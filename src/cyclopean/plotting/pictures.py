@@ -1,0 +1,123 @@
+"""The pictures of a reconstruction, each drawn into a matplotlib figure."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..rigs import Rig
+
+VIEW_COLOURS = ("#e69f00", "#56b4e9", "#009e73", "#f0e442", "#d55e00", "#cc79a7", "#0072b2", "#999999")
+"""Colours of the views: Okabe and Ito's, which colour-blind people can tell apart."""
+
+_DRAWN_POINTS = 40_000  # more do not show
+
+
+def as_picture(photograph: np.ndarray) -> np.ndarray:
+    """A photograph of any depth as (H, W, 3) uint8 for showing."""
+    picture = np.asarray(photograph)
+    if picture.dtype != np.uint8:
+        top = np.iinfo(picture.dtype).max if picture.dtype.kind == "u" else max(float(np.nanmax(picture)), 1e-12)
+        picture = np.clip(np.nan_to_num(picture.astype(np.float32)) * (255 / top), 0, 255).astype(np.uint8)
+    return np.repeat(picture[..., None], 3, axis=2) if picture.ndim == 2 else picture
+
+
+def outlined_picture(photograph: np.ndarray, rig: Rig) -> Figure:
+    """The photograph with the outline of every sub-image."""
+    figure, axes = _sheet(photograph.shape)
+    draw_outlines(axes, photograph, rig)
+    return figure
+
+
+def draw_outlines(axes: Axes, photograph: np.ndarray, rig: Rig) -> None:
+    """Draw the photograph and the outline of every sub-image."""
+    axes.imshow(as_picture(photograph))
+    for k, view in enumerate(rig):
+        colour = VIEW_COLOURS[k % len(VIEW_COLOURS)]
+        for line in view.region.outline:
+            inside = view.region.centre + (line - view.region.centre) * 0.997  # keep neighbours' lines apart
+            axes.plot(*inside.T, color=colour, linewidth=2)
+        axes.annotate(
+            f"{k}",
+            view.region.centre,
+            color="black",
+            ha="center",
+            va="center",
+            weight="bold",
+            bbox={"boxstyle": "circle", "facecolor": colour, "edgecolor": "none"},
+        )
+    height, width = photograph.shape[:2]
+    axes.set_xlim(-0.5, width - 0.5)
+    axes.set_ylim(height - 0.5, -0.5)
+    axes.set_axis_off()
+
+
+def depth_picture(depth: np.ndarray) -> Figure:
+    """The depth (H, W) mm of every pixel, with a colour bar in mm; pixels without depth stay grey."""
+    figure, axes = _sheet(depth.shape, bar=True)
+    draw_depth(axes, depth)
+    return figure
+
+
+def draw_depth(axes: Axes, depth: np.ndarray) -> None:
+    """Draw depth (H, W) mm with a colour bar."""
+    from matplotlib import colormaps
+
+    known = depth[np.isfinite(depth)]
+    low, high = np.percentile(known, [1, 99]) if known.size else (0.0, 1.0)
+    if high - low < 1e-3 * max(high, 1.0):
+        low, high = low - 0.5, high + 0.5
+    shades = colormaps["viridis_r"].with_extremes(bad="#c8c8c8")
+    image = axes.imshow(np.ma.masked_invalid(depth), cmap=shades, vmin=low, vmax=high, interpolation="nearest")
+    axes.set_axis_off()
+    axes.figure.colorbar(image, ax=axes, label="depth Z (mm), grey: unknown", fraction=0.04, pad=0.02)
+
+
+def cloud_picture(points: np.ndarray, colours: np.ndarray) -> Figure:
+    """The points (N, 3) mm with their colours (N, 3) uint8, seen from above and to one side."""
+    figure = Figure(figsize=(9, 7), dpi=110, layout="constrained")
+    draw_cloud(figure.add_subplot(projection="3d"), points, colours)
+    return figure
+
+
+def draw_cloud(axes, points: np.ndarray, colours: np.ndarray) -> None:
+    """Draw points on 3-D axes, z (depth) to the back and y down."""
+    if not len(points):
+        axes.set_title("no points")
+        return
+    pick = np.random.default_rng(0).permutation(len(points))[:_DRAWN_POINTS]
+    x, y, z = points[pick].T
+    axes.scatter(x, z, -y, c=colours[pick] / 255.0, s=0.8, linewidths=0, depthshade=False)
+    axes.set(xlabel="x (mm)", ylabel="depth z (mm)", zlabel="-y (mm)")
+    spans = [np.ptp(np.percentile(v, [0.5, 99.5])) for v in (x, z, -y)]
+    for set_limits, values in ((axes.set_xlim, x), (axes.set_ylim, z), (axes.set_zlim, -y)):
+        set_limits(*np.percentile(values, [0.2, 99.8]))
+    axes.set_box_aspect(np.maximum(spans, 0.25 * max(spans) + 1e-9))
+    axes.view_init(elev=22, azim=-62)
+    axes.tick_params(labelsize=7)
+
+
+def overview_picture(
+    photograph: np.ndarray, rig: Rig, depth: np.ndarray, points: np.ndarray, colours: np.ndarray
+) -> Figure:
+    """The main job in one picture: photograph, sub-images with depth, point cloud."""
+    figure = Figure(figsize=(16, 4.6), dpi=110, layout="constrained")
+    first, second = figure.add_subplot(1, 3, 1), figure.add_subplot(1, 3, 2)
+    draw_outlines(first, photograph, rig)
+    first.set_title(f"one photograph, {len(rig)} sub-images")
+    draw_depth(second, depth)
+    second.set_title("depth of every pixel")
+    third = figure.add_subplot(1, 3, 3, projection="3d")
+    draw_cloud(third, points, colours)
+    third.set_title(f"{len(points):,} points")
+    return figure
+
+
+def _sheet(shape, bar=False):
+    """A figure whose axes fill it, about as large as an image of this shape."""
+    height, width = shape[:2]
+    inches = 9.0
+    size = (inches + (1.2 if bar else 0), max(inches * height / width, 1.0))
+    figure = Figure(figsize=size, dpi=120, layout="constrained")
+    return figure, figure.add_subplot()
