@@ -185,7 +185,7 @@ def race(contenders: Sequence[Contender], rounds: int, floor: float = 0.05) -> d
     times = {contender.name: [] for contender in contenders}
     for number in range(rounds + 1):
         for contender in contenders:
-            time.sleep(0.02)  # threads of the one before stop waiting for work
+            time.sleep(0.1)  # threads of the one before wait for work, and then give up
             spent = 0.0
             while spent < floor:
                 state = contender.fresh()

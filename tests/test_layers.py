@@ -23,7 +23,8 @@ LAYERS = (
     ("design",),
     ("files", "plotting"),
     ("pipeline",),
-    ("studio", "cli"),
+    ("studio", "jobs"),
+    ("cli",),
     ("__main__",),
 )
 # The matcher takes images and maps: it never sees a lens.

@@ -66,17 +66,17 @@ def summarise(rig: Rig, depths: tuple[float, float] | None = None, sigma_px: flo
 
 def field_at(rig: Rig, depth: float, sigma_px: float = 0.1) -> FieldAtDepth:
     """What the views of a rig share at a depth (mm)."""
-    shares, points = [], []
-    for k, view in enumerate(rig):
+    counts, points = np.zeros(3), []
+    for view in rig:
         x, y, width, height = view.region.box
         columns, rows = np.linspace(x, x + width - 1, _GRID // 2), np.linspace(y, y + height - 1, _GRID // 2)
         pixels = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
         here = view.rays(pixels[view.region.contains(pixels)]).at_depth(depth)
         here = here[np.isfinite(here).all(-1)]
         others = np.isfinite(rig.project(here)[..., 0]).sum(-1) if len(here) else np.zeros(0)
-        shares.append([np.count_nonzero(others >= 2), np.count_nonzero(others >= len(rig)), max(len(here), 1)])
+        counts += np.array([(others >= 2).sum(), (others >= len(rig)).sum(), len(here)])
         points.append(here[others >= 2])
-    two, full, total = np.sum(shares, axis=0)
+    two, full, total = counts
     common = np.concatenate(points)
     if not len(common):
         return FieldAtDepth(depth, 0.0, 0.0, 0.0, 0.0, np.nan)

@@ -7,13 +7,13 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-from cyclopean import __version__
-
-from .errors import CyclopeanError, SetupError
-
 # heavy modules are imported inside the commands, so that --help answers at once
 import cyclopts
 from cyclopts import Parameter
+
+from cyclopean import __version__
+
+from .errors import CyclopeanError, SetupError
 
 app = cyclopts.App(
     name="cyclopean",

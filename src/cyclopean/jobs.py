@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -110,7 +110,7 @@ def write_results(
     overview = plotting.overview_picture(photograph, result.rig, result.depth, result.points, result.colours)
     for name, figure in (("regions", regions), ("depth", depth), ("overview", overview)):
         save_figure(figure, folder / f"{name}.png")
-    tables = {
+    tables: dict[str, tuple[Sequence[str], Sequence[Sequence[object]]]] = {
         "Views": (
             ("view", "pixels", "with depth (%)", "median depth (mm)", "median sigma (mm)"),
             [view_row(result, k) for k in range(len(result.rig))],
@@ -118,7 +118,10 @@ def write_results(
         "Settings": (
             ("setting", "value"),
             [
-                ("photograph", f"{photo.name}, {photograph.shape[1]} x {photograph.shape[0]} px, {photograph.dtype}"),
+                (
+                    "photograph",
+                    f"{photo.name}, {photograph.shape[1]} x {photograph.shape[0]} px, {photograph.dtype}",
+                ),
                 ("setup", setup_file.name),
                 ("depth range (mm)", f"{result.depths[0]:g} to {result.depths[1]:g}"),
                 ("step between hypotheses (px)", f"{step:g}"),
@@ -235,7 +238,9 @@ def split_photograph(photo: Path, setup_file: Path, output: Path) -> None:
         x, y, width, height = view.region.box
         window = np.s_[y : y + height, x : x + width]
         mask = view.region.mask[window]
-        cut = np.where(mask if photograph.ndim == 2 else mask[..., None], photograph[window], 0).astype(photograph.dtype)
+        cut = np.where(mask if photograph.ndim == 2 else mask[..., None], photograph[window], 0).astype(
+            photograph.dtype
+        )
         write_image(folder / f"view_{k}.png", cut)
         places.append(
             {"file": f"view_{k}.png", "name": view.name, "x": x, "y": y, "width": width, "height": height,
@@ -274,10 +279,10 @@ def use_threads(threads: int | None) -> None:
 @contextmanager
 def progress_bars():
     """A callable (what, done, total) that shows one bar for each `what`."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    tasks: dict[str, int] = {}
+    tasks: dict[str, TaskID] = {}
     with Progress(*columns, console=console) as bars:
 
         def show(what, done, total):

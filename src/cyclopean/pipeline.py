@@ -177,7 +177,9 @@ def _located(rig, k, pixels, inverse, spread):
 def _colours(values):
     """Colours (N, 3) uint8 of pixels (N,) or (N, C) of any type."""
     if values.dtype != np.uint8:
-        top = np.iinfo(values.dtype).max if values.dtype.kind == "u" else max(float(np.nanmax(values, initial=0)), 1e-12)
+        top = (
+            np.iinfo(values.dtype).max if values.dtype.kind == "u" else max(float(np.nanmax(values, initial=0)), 1e-12)
+        )
         values = np.clip(np.nan_to_num(values.astype(np.float32)) * (255 / top), 0, 255).astype(np.uint8)
     values = values.reshape(len(values), -1)
     return values[:, :3] if values.shape[1] >= 3 else np.repeat(values[:, :1], 3, axis=1)
@@ -185,4 +187,3 @@ def _colours(values):
 
 def _named(progress, name):
     return None if progress is None else lambda done, total: progress(name, done, total)
-

@@ -37,7 +37,9 @@ def inverse_depths(rig: Rig, depths: tuple[float, float], step: float = 0.5) -> 
     fastest = 0.0
     for reference in range(len(rig)):
         x, y, width, height = rig[reference].region.box
-        grid = np.stack(np.meshgrid(np.linspace(x, x + width - 1, _PROBES), np.linspace(y, y + height - 1, _PROBES)), -1)
+        grid = np.stack(
+            np.meshgrid(np.linspace(x, x + width - 1, _PROBES), np.linspace(y, y + height - 1, _PROBES)), -1
+        )
         rays = rig[reference].unbounded().rays(grid)
         for other in range(len(rig)):
             if other != reference:
@@ -103,7 +105,10 @@ def interpolation_error(rig: Rig, warps: Warps, reference: int) -> float:
     if rows < 1 or columns < 1:
         return 0.0
     x, y = warps.origin
-    middle = np.stack(np.meshgrid(x + half + warps.spacing * np.arange(columns), y + half + warps.spacing * np.arange(rows)), -1)
+    middle = np.stack(
+        np.meshgrid(x + half + warps.spacing * np.arange(columns), y + half + warps.spacing * np.arange(rows)),
+        -1,
+    )
     rays = rig[reference].unbounded().rays(middle)
     others = [k for k in range(len(rig)) if k != reference]
     worst = 0.0

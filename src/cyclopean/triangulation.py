@@ -50,9 +50,7 @@ def triangulate(views: Sequence[View], pixels: ArrayLike, sigma: float = 0.1) ->
     """
     pixels = np.asarray(pixels, dtype=float)
     if pixels.shape[-2:] != (len(views), 2):
-        raise ShapeError(
-            f"pixels must have shape (..., {len(views)}, 2), one pixel for each view, got {pixels.shape}"
-        )
+        raise ShapeError(f"pixels must have shape (..., {len(views)}, 2), one pixel for each view, got {pixels.shape}")
     rays = [view.rays(pixels[..., k, :]) for k, view in enumerate(views)]
     bundle = Rays(np.stack([r.origins for r in rays], -2), np.stack([r.directions for r in rays], -2))
     seen = np.isfinite(bundle.directions).all(-1) & np.isfinite(pixels).all(-1)

@@ -22,27 +22,29 @@ class Camera:
     """
 
     size: tuple[int, int]  # (width, height) px
-    focal: tuple[float, float]  # (x, y) px
-    centre: tuple[float, float] | None = None  # principal point (x, y) px; None: the middle of the image
+    focal: tuple[float, float]  # (x, y) px; one number stands for both
+    centre: tuple[float, float] = None  # type: ignore[assignment]  # principal point (x, y) px; None: mid-image
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     pixel_pitch: float | None = None  # mm; only needed where a lens's real focal length matters
 
     def __post_init__(self):
         if len(self.size) != 2 or not all(n == int(n) and n > 0 for n in self.size):
             raise SetupError(f"the camera's size must be (width, height) in whole pixels, got {self.size}")
-        if np.ndim(self.focal) == 0:
-            object.__setattr__(self, "focal", (float(self.focal), float(self.focal)))
-        if len(self.focal) != 2 or not (np.isfinite(self.focal).all() and min(self.focal) > 0):
+        width, height = self.size
+        focal = np.atleast_1d(np.asarray(self.focal, dtype=float))  # one number stands for both
+        if focal.size not in (1, 2) or not (np.isfinite(focal).all() and focal.min() > 0):
             raise SetupError(f"the camera's focal length must be positive px, one number or (x, y), got {self.focal}")
-        if self.centre is None:
-            width, height = self.size
-            object.__setattr__(self, "centre", ((width - 1) / 2, (height - 1) / 2))
-        if len(self.centre) != 2 or not np.isfinite(self.centre).all():
+        centre = ((width - 1) / 2, (height - 1) / 2) if self.centre is None else self.centre
+        if len(centre) != 2 or not np.isfinite(centre).all():
             raise SetupError(f"the camera's centre must be (x, y) in px, got {self.centre}")
         if len(self.distortion) != 5 or not np.isfinite(self.distortion).all():
             raise SetupError(f"distortion must be the five numbers k1 k2 p1 p2 k3, got {self.distortion}")
         if self.pixel_pitch is not None and not self.pixel_pitch > 0:
             raise SetupError(f"the pixel pitch must be positive mm (0.0055 for 5.5 um), got {self.pixel_pitch}")
+        object.__setattr__(self, "size", (int(width), int(height)))
+        object.__setattr__(self, "focal", (float(focal[0]), float(focal[-1])))
+        object.__setattr__(self, "centre", (float(centre[0]), float(centre[1])))
+        object.__setattr__(self, "distortion", tuple(float(k) for k in self.distortion))
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike, size: tuple[int, int], distortion: ArrayLike = (0,) * 5) -> Camera:
@@ -55,7 +57,7 @@ class Camera:
                 f"wanted a 3x3 matrix and at most k1 k2 p1 p2 k3, got shapes {matrix.shape} and {given.shape}"
             )
         numbers[: given.size] = given
-        return cls(size, (matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2]), tuple(numbers))
+        return cls(size, (matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2]), tuple(numbers))  # type: ignore[arg-type]
 
     @property
     def matrix(self) -> np.ndarray:
@@ -70,7 +72,7 @@ class Camera:
     def with_lens(self, values: ArrayLike) -> Camera:
         """The camera with other parameters (9,), in the order of `CAMERA_PARAMETERS`."""
         v = [float(x) for x in np.asarray(values, dtype=float)]
-        return replace(self, focal=(v[0], v[1]), centre=(v[2], v[3]), distortion=tuple(v[4:]))
+        return replace(self, focal=(v[0], v[1]), centre=(v[2], v[3]), distortion=tuple(v[4:]))  # type: ignore[arg-type]
 
     @cached_property
     def fold_radius(self) -> float:
@@ -116,4 +118,4 @@ class Camera:
     def contains(self, pixels: ArrayLike) -> np.ndarray:
         """True (...,) where pixels (..., 2) lie on the image, its border pixels included to their outer edge."""
         pixels = as_pixels(pixels)
-        return ((pixels >= -0.5) & (pixels <= np.asarray(self.size) - 0.5)).all(-1)
+        return np.all((pixels >= -0.5) & (pixels <= np.asarray(self.size) - 0.5), axis=-1)

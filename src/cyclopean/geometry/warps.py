@@ -14,12 +14,12 @@ class Warps:
     Between the nodes of the lattice the maps are bilinear, between two hypotheses linear in inverse depth.
     """
 
-    origin: tuple[int, int]     # (x, y) of the reference box's top-left pixel in the photograph
-    size: tuple[int, int]       # (width, height) of the reference box
+    origin: tuple[int, int]  # (x, y) of the reference box's top-left pixel in the photograph
+    size: tuple[int, int]  # (width, height) of the reference box
     inverse_depths: np.ndarray  # (D,) 1/mm, ascending and evenly spaced: the hypotheses
-    spacing: int                # px between the nodes of the lattice
-    nodes: np.ndarray           # (V-1, D, Ny, Nx, 2) float32, pixel of the photograph in the other view, NaN unknown
-    masks: np.ndarray           # (V, H, W) bool, pixels that belong to each view; row 0 is the reference
+    spacing: int  # px between the nodes of the lattice
+    nodes: np.ndarray  # (V-1, D, Ny, Nx, 2) float32, pixel of the photograph in the other view, NaN unknown
+    masks: np.ndarray  # (V, H, W) bool, pixels that belong to each view; row 0 is the reference
 
     def __post_init__(self):
         """Check that the arrays fit together."""

@@ -2,6 +2,6 @@
 
 from ..geometry import Warps
 from .agreement import agreement
-from .match import DepthMap, match
+from .dense import DepthMap, match
 
 __all__ = ["DepthMap", "Warps", "agreement", "match"]

@@ -13,7 +13,7 @@ _LANES = 16  # neighbouring paths that walk side by side, so that memory is read
 
 @njit(cache=True)
 def _extend(costs, before, after, small, large, total):
-    """Go one pixel on along a path; ``before`` and ``after`` hold D values with a margin of one, and their least."""
+    """Go one pixel on along a path: ``before`` and ``after`` hold D values, a margin of one, and the least."""
     depths = costs.shape[0]
     least = before[depths + 2]
     jump = np.uint16(least + large)

@@ -71,8 +71,8 @@ def _add(s, reference, values, slopes, seen, depth, middle, window, reach, di, d
 def _without_gain(sums, gain_weight, pairs):
     """Take offset and gain out of the sums of one view and channel, and add the rest to the view's pairs.
 
-    ``pairs`` holds the matrix (00 01 02 11 12 22), the right side (0 1 2) and the energy before the fit; then come the
-    variance of the other view and the sum of the weights.
+    ``pairs`` holds the matrix (00 01 02 11 12 22), the right side (0 1 2) and the energy before the fit; then
+    come the variance of the other view and the sum of the weights.
     """
     sums = sums.reshape(21, N)
     for x in range(N):
@@ -99,7 +99,7 @@ def _without_gain(sums, gain_weight, pairs):
 
 @njit(cache=True, fastmath=FAST)
 def _solve(pairs, stiffness, x, fit):
-    """Find height and slopes of the plane at pixel x, and the variance factor of the height; NaN undetermined."""
+    """Find height and slopes of the plane at pixel x, and the variance factor of the height; NaN if none."""
     a, b, c = pairs[0, x], pairs[1, x], pairs[2, x]
     d, e, f = pairs[3, x] + stiffness, pairs[4, x], pairs[5, x] + stiffness
     m0, m1, m2 = d * f - e * e, c * e - b * f, b * e - c * d
@@ -200,7 +200,8 @@ def improve(reference, values, slopes, seen, depth, window, reach, gain_weight, 
     Returns
     -------
     change, sigma, score : (h, w) float32 arrays
-        Change of inverse depth and its standard deviation in steps, correlation coefficient; NaN if undetermined.
+        Change of inverse depth and its standard deviation in steps, correlation coefficient; NaN where the
+        window does not determine them.
     likeness : (V-1, h, w) float32 array
         Correlation coefficient with each view.
     """

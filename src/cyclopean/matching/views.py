@@ -1,4 +1,4 @@
-"""What another view shows where reference pixels are seen: at one hypothesis, or each pixel at its own depth."""
+"""What another view shows where reference pixels are seen, all at one hypothesis or each at its own depth."""
 
 import numpy as np
 from numba import njit, prange

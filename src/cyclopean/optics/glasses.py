@@ -130,8 +130,7 @@ CROWNS: tuple[dict[str, Any], ...] = (
         "coefficients": (0.3542, 0.78657, 0.10856, 0.18285, 4.427),
         "range_nm": (240.0, 1550.0),
         "relative_to": "air",
-        "citation": "Schott, BOROFLOAT 33 data sheet (June 2021); "
-        "Sellmeier fit by M. Polyanskiy, refractiveindex.info",
+        "citation": "Schott, BOROFLOAT 33 data sheet (June 2021); Sellmeier fit by M. Polyanskiy, refractiveindex.info",
         "note": "room temperature",
     },
     {
@@ -283,8 +282,7 @@ CRYSTALS: tuple[dict[str, Any], ...] = (
         "coefficients": (0.0, 1.4313493, 0.0726631, 0.65054713, 0.1193242, 5.3414021, 18.028251),
         "range_nm": (200.0, 5000.0),
         "relative_to": "air",
-        "citation": "I. H. Malitson and M. J. Dodge, Journal of the Optical Society of America 62, "
-        "1405 (1972)",
+        "citation": "I. H. Malitson and M. J. Dodge, Journal of the Optical Society of America 62, 1405 (1972)",
         "note": "ordinary ray",
     },
     {

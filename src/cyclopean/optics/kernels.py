@@ -60,7 +60,7 @@ def trace_block(b, planes, first_bound, bounds, discs):
             b[VX + i] += kick * nx
             b[VY + i] += kick * ny
             b[VZ + i] += kick * nz
-            b[MARGIN + i] = t if t < b[MARGIN + i] else b[MARGIN + i]
+            b[MARGIN + i] = b[MARGIN + i] if b[MARGIN + i] < t else t
         bound_block(b, s, first_bound, bounds, discs)
 
 
@@ -71,7 +71,7 @@ def bound_block(b, s, first_bound, bounds, discs):
         nx, ny, nz, edge, _ = bounds[k]
         for i in range(LANES):
             clearance = edge - (nx * b[PX + i] + ny * b[PY + i] + nz * b[PZ + i])
-            b[MARGIN + i] = clearance if clearance < b[MARGIN + i] else b[MARGIN + i]
+            b[MARGIN + i] = b[MARGIN + i] if b[MARGIN + i] < clearance else clearance
     cx, cy, cz, ax, ay, az, radius = discs[s]
     if radius < np.inf:
         for i in range(LANES):
@@ -79,7 +79,7 @@ def bound_block(b, s, first_bound, bounds, discs):
             along = ax * dx + ay * dy + az * dz
             square = dx * dx + dy * dy + dz * dz - along * along
             clearance = (radius * radius - square) / (2 * radius)  # exact at the rim, to first order near it
-            b[MARGIN + i] = clearance if clearance < b[MARGIN + i] else b[MARGIN + i]
+            b[MARGIN + i] = b[MARGIN + i] if b[MARGIN + i] < clearance else clearance
 
 
 @njit(**OPTIONS)
@@ -96,7 +96,7 @@ def trace_block_with_tangents(b, planes, first_bound, bounds, discs):
             b[STEP + i] = step
             b[KICK + i] = sign * root - u
             b[GAIN + i] = sign * u / root - 1  # d kick / d u
-            b[MARGIN + i] = step if step < b[MARGIN + i] else b[MARGIN + i]
+            b[MARGIN + i] = b[MARGIN + i] if b[MARGIN + i] < step else step
         tangent_block(b, TANGENTS, nx, ny, nz)
         tangent_block(b, TANGENTS + TANGENT, nx, ny, nz)
         for i in range(LANES):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,7 +21,10 @@ class Mirror:
     centre: tuple[float, float, float]  # mm, a point of the mirror: the middle of the rectangle
     normal: tuple[float, float, float]  # of any length; either side reflects
     size: tuple[float, float] | None = None  # mm, along its own u and v axes; None: endless
-    tilt_deg: tuple[float, float] = (0.0, 0.0)  # correction: rotation about the u and v axes through the centre
+    tilt_deg: tuple[float, float] = (
+        0.0,
+        0.0,
+    )  # correction: rotation about the u and v axes through the centre
     advance: float = 0.0  # mm, correction along the normal
 
     def __post_init__(self):
@@ -90,7 +94,7 @@ class Mirrors:
                 raise OpticError(
                     f"a sequence lists mirrors by their numbers 0 to {len(self.mirrors) - 1}, got {sequence}"
                 )
-            if any(a == b for a, b in zip(sequence, sequence[1:], strict=False)):
+            if any(a == b for a, b in pairwise(sequence)):
                 raise OpticError(f"light cannot meet the same plane mirror twice in a row, got {sequence}")
 
     def paths(self, wavelength_nm: float) -> tuple[Path, ...]:

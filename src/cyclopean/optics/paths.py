@@ -106,11 +106,19 @@ class Path:
         origins, directions = np.broadcast_arrays(rays.origins, rays.directions)
         out = np.empty(origins.shape[:-1], dtype=np.int64)
         for index in np.ndindex(out.shape):
-            p, v = np.array(origins[index], dtype=float), self.index_start * np.array(directions[index], dtype=float)
+            p, v = (
+                np.array(origins[index], dtype=float),
+                self.index_start * np.array(directions[index], dtype=float),
+            )
             if not (np.isfinite(p).all() and np.isfinite(v).all()):
                 out[index] = Reason.NOT_A_NUMBER
                 continue
             out[index] = kernels.explain_ray(
-                p, v, *self.packed, Reason.MISSED.value, Reason.OUTSIDE_OUTLINE.value, Reason.TOTAL_REFLECTION.value
+                p,
+                v,
+                *self.packed,
+                Reason.MISSED.value,
+                Reason.OUTSIDE_OUTLINE.value,
+                Reason.TOTAL_REFLECTION.value,
             )
         return out

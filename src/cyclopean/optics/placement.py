@@ -24,9 +24,7 @@ class Placement:
     turn: np.ndarray  # (3, 3) a fixed rotation, before the tilt
 
     @classmethod
-    def of(
-        cls, tilt_deg: ArrayLike, shift: ArrayLike, distance: float, turn: np.ndarray | None = None
-    ) -> Placement:
+    def of(cls, tilt_deg: ArrayLike, shift: ArrayLike, distance: float, turn: np.ndarray | None = None) -> Placement:
         """A placement from the numbers that users give."""
         translation = np.array([*np.asarray(shift, dtype=float), distance])
         return cls(np.deg2rad(np.asarray(tilt_deg, dtype=float)), translation, np.eye(3) if turn is None else turn)

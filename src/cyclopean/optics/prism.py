@@ -129,7 +129,12 @@ class Prism:
         d_offset = np.zeros(count)
         if not towards_scene:  # the reference point is the apex, so the flat face is the one that moves
             d_offset[2] = 1.0
-        flat = (np.array([0.0, 0.0, -1.0]), 0.0 if towards_scene else self.thickness, np.zeros((count, 3)), d_offset)
+        flat = (
+            np.array([0.0, 0.0, -1.0]),
+            0.0 if towards_scene else self.thickness,
+            np.zeros((count, 3)),
+            d_offset,
+        )
         faces = [flat]
         apex = self.thickness if towards_scene else 0.0
         for facet, (angle, azimuth) in enumerate(zip(angles, azimuths, strict=True)):

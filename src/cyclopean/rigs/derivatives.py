@@ -86,13 +86,33 @@ def lens_derivatives(camera: Camera, coordinates: np.ndarray) -> tuple[np.ndarra
     jacobian[..., 1, 0] = fy * mixed
     jacobian[..., 1, 1] = fy * (radial + y * y * slope + 6 * p1 * y + 2 * p2 * x)
     zero, one = np.zeros_like(x), np.ones_like(x)
-    lens_x = [xd, zero, one, zero, fx * x * r2, fx * x * r2**2, fx * 2 * x * y, fx * (r2 + 2 * x * x), fx * x * r2**3]
-    lens_y = [zero, yd, zero, one, fy * y * r2, fy * y * r2**2, fy * (r2 + 2 * y * y), fy * 2 * x * y, fy * y * r2**3]
+    lens_x = [
+        xd,
+        zero,
+        one,
+        zero,
+        fx * x * r2,
+        fx * x * r2**2,
+        fx * 2 * x * y,
+        fx * (r2 + 2 * x * x),
+        fx * x * r2**3,
+    ]
+    lens_y = [
+        zero,
+        yd,
+        zero,
+        one,
+        fy * y * r2,
+        fy * y * r2**2,
+        fy * (r2 + 2 * y * y),
+        fy * 2 * x * y,
+        fy * y * r2**3,
+    ]
     return jacobian, np.stack([np.stack(lens_x, -1), np.stack(lens_y, -1)], -2)
 
 
 def _ray_tangents(path, coordinates, with_rays=False):
-    """Tangents (..., 6, 2 + P) of rays to normalised coordinates (..., 2) and optic, with the rays (..., 6) if wanted."""
+    """Tangents (..., 6, 2 + P) of rays to coordinates (..., 2) and optic, with the rays (..., 6) if wanted."""
     from . import kernels
 
     names = len(path.parameter_names)

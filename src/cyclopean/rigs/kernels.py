@@ -159,7 +159,7 @@ def newton_block(b, frame, index, planes, first_bound, bounds, discs):
         b[X + i] -= sx
         b[Y + i] -= sy
         b[MOVE + i] = sx * sx + sy * sy
-        b[MARGIN + i] = t if t < b[MARGIN + i] else b[MARGIN + i]
+        b[MARGIN + i] = b[MARGIN + i] if b[MARGIN + i] < t else t
 
 
 @njit(**OPTIONS)

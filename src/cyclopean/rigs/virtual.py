@@ -10,7 +10,14 @@ from numpy.typing import ArrayLike
 
 from ..cameras import Camera
 from ..errors import OpticError
-from ..geometry import Pose, Rays, as_points, nearest_point, rotation_from_vector, shortest_rotation, shortest_segment
+from ..geometry import (
+    Pose,
+    Rays,
+    as_points,
+    rotation_from_vector,
+    shortest_rotation,
+    shortest_segment,
+)
 from .view import View
 
 

@@ -12,10 +12,10 @@ from .aggregation import aggregate, winner
 from .cost import cost_volume
 from .refinement import ITERATIONS, refine
 
-_OVERLAP = 48           # rows beyond a strip on each side that are worked on too, so that no seam shows
-_LEAST_ROWS = 16        # of a strip without its overlaps
-_SMALL, _LARGE = 8, 120 # penalties for a change of depth between neighbours: by one step, by more
-_EDGE, _LEAST = 12, 30  # where the picture changes by _EDGE grey levels a px, _LARGE is halved; never below _LEAST
+_OVERLAP = 48            # rows beyond a strip on each side that are worked on too, so that no seam shows
+_LEAST_ROWS = 16         # of a strip without its overlaps
+_SMALL, _LARGE = 8, 120  # penalties for a change of depth between neighbours: by one step, by more
+_EDGE, _LEAST = 12, 30   # grey levels a px of change in the picture that halve _LARGE; its least
 _ALONE = threading.Lock()  # one of numba's threading layers aborts when two threads start kernels at once
 
 
@@ -98,7 +98,7 @@ def match(image, warps: Warps, *, memory_mib=1024, progress=None) -> DepthMap:
 
 
 def grey_levels(image):
-    """Scale a picture to 255, for the end of its integer type or its largest real number: (H, W, C) float32."""
+    """Scale a picture so that its type's end, or its largest real number, is 255: (H, W, C) float32."""
     image = np.asarray(image)
     if image.ndim not in (2, 3) or image.size == 0:
         raise ImageError(f"an image must have shape (H, W) or (H, W, C), got {image.shape}")

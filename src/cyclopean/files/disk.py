@@ -1,0 +1,106 @@
+"""Bytes from files, and whole files or none: what all formats share."""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from ..errors import CyclopeanError, OutputError
+
+PathLike = str | os.PathLike[str]
+
+
+def read_bytes(path: PathLike, error: type[CyclopeanError]) -> bytes:
+    """The content of a file that must not be empty; `error` says why there is none."""
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as fault:
+        raise error(f"{path}: {_why_unread(fault, path)}") from fault
+    if not data:
+        raise error(f"{path}: the file is empty (0 bytes); was it copied whole?")
+    return data
+
+
+def _why_unread(fault: OSError, path: Path) -> str:
+    folder = path.absolute().parent
+    if isinstance(fault, FileNotFoundError):
+        return f"there is no such file in {folder}" if folder.is_dir() else f"there is no folder {folder}"
+    if isinstance(fault, IsADirectoryError):
+        return "this is a folder; name a file in it"
+    if isinstance(fault, PermissionError):
+        return "no permission to read the file"
+    return str(fault.strerror)
+
+
+@contextmanager
+def replacing(path: PathLike) -> Iterator[BinaryIO]:
+    """A file open for writing that takes the place of `path` when the block ends, and vanishes when it fails.
+
+    Raises
+    ------
+    OutputError
+        With the reason, when the file cannot be written.
+    """
+    path = Path(path)
+    target = Path(os.path.realpath(path))  # a link stays, what it points at is replaced
+    part = target.with_name(f".{secrets.token_hex(8)}.part")
+    try:
+        _check_target(target)
+        with open(part, "xb") as file:
+            yield file
+        os.replace(part, target)
+    except OSError as fault:
+        raise OutputError(f"{path}: cannot be written: {_why_unwritten(fault, target.parent)}") from fault
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def _check_target(target: Path) -> None:
+    if not target.exists():
+        return
+    if target.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "this is a folder; name a file in it")
+    if not target.is_file():
+        raise OSError(errno.EINVAL, "this is no ordinary file")
+    if not os.access(target, os.W_OK):
+        raise OSError(errno.EPERM, "the file is write-protected")
+
+
+def _why_unwritten(fault: OSError, folder: Path) -> str:
+    if isinstance(fault, FileNotFoundError):
+        return f"there is no folder {folder}; make it first"
+    if isinstance(fault, FileExistsError | NotADirectoryError):
+        blocker = next((place for place in (folder, *folder.parents) if place.is_file()), folder)
+        return f"{blocker} is a file, not a folder"
+    if fault.errno == errno.EACCES:
+        return f"no permission to write in {folder}"
+    if fault.errno == errno.ENOSPC:
+        return f"the disk that holds {folder} is full"
+    return str(fault.strerror or fault)
+
+
+def output_folder(path: PathLike) -> Path:
+    """Make a folder, with those above it, and prove that files can be written there: before the work, not after.
+
+    Raises
+    ------
+    OutputError
+        With the reason, when the folder cannot be made or written to.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as probe:
+            probe.write(b"cyclopean")
+    except OSError as fault:
+        reason = _why_unwritten(fault, folder.absolute())
+        raise OutputError(f"{folder}: results cannot be written there: {reason}") from fault
+    return folder
