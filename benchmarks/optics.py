@@ -89,9 +89,7 @@ def our_view(optic: str):
 def our_tracing(pixels: np.ndarray) -> Contender:
     """`view.rays`, from pixels."""
     view = our_view("wedge")
-    return Contender(
-        OURS, lambda _: view.rays(pixels), lambda rays: np.hstack([rays.origins, rays.directions])
-    )
+    return Contender(OURS, lambda _: view.rays(pixels), lambda rays: np.hstack([rays.origins, rays.directions]))
 
 
 def our_projecting(optic: str, points: np.ndarray) -> Contender:
@@ -131,13 +129,22 @@ def bare_columns(x, y, camera, planes, out):
         out[0, i], out[1, i], out[2, i], out[3, i], out[4, i], out[5, i] = p0, p1, p2, v0, v1, v2
 
 
+@njit(**FAST)
+def bare_piece(pixels, camera, planes, origins, directions):
+    """Some rows, flat: with two indices, stores of three numbers side by side would not vectorise."""
+    for i in range(pixels.size // 2):
+        p0, p1, p2, v0, v1, v2 = two_planes(pixels[2 * i], pixels[2 * i + 1], camera, planes)
+        origins[3 * i], origins[3 * i + 1], origins[3 * i + 2] = p0, p1, p2
+        directions[3 * i], directions[3 * i + 1], directions[3 * i + 2] = v0, v1, v2
+
+
 @njit(parallel=True, **FAST)
 def bare_rows(pixels, camera, planes, origins, directions):
-    """Pixels (N, 2) to origins (N, 3) and directions (N, 3)."""
-    for i in prange(pixels.shape[0]):
-        p0, p1, p2, v0, v1, v2 = two_planes(pixels[i, 0], pixels[i, 1], camera, planes)
-        origins[i, 0], origins[i, 1], origins[i, 2] = p0, p1, p2
-        directions[i, 0], directions[i, 1], directions[i, 2] = v0, v1, v2
+    """Pixels (2 N,) to origins (3 N,) and directions (3 N,), rows one after the other."""
+    count = pixels.size // 2
+    for piece in prange((count + 2047) // 2048):
+        i, j = piece * 2048, min(count, (piece + 1) * 2048)
+        bare_piece(pixels[2 * i : 2 * j], camera, planes, origins[3 * i : 3 * j], directions[3 * i : 3 * j])
 
 
 @njit(parallel=True, **FAST)
@@ -161,7 +168,7 @@ def ceilings(layers: Layers, pixels: np.ndarray) -> list[Contender]:
         return columns
 
     def run_rows(out):
-        bare_rows(pixels, camera, planes, out[0], out[1])
+        bare_rows(pixels.reshape(-1), camera, planes, out[0].reshape(-1), out[1].reshape(-1))
         return out
 
     return [

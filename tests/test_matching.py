@@ -173,7 +173,7 @@ def test_brightness_of_one_view_does_not_matter(tilted):
     assert np.isfinite(change).mean() > 0.97
 
 
-@pytest.mark.parametrize("change", [lambda i: (i.astype(np.uint16) * 257), lambda i: i / 255, lambda i: np.dstack([i] * 2)])
+@pytest.mark.parametrize("change", [np.ndarray.__copy__, lambda i: i.astype(np.uint16) * 257, lambda i: i / 255])
 def test_types_and_channels_do_not_matter(tilted, change):
     image, warps, found, _ = tilted
     difference = steps_of(match(change(image), warps)) - steps_of(found)
@@ -232,8 +232,11 @@ def test_a_depth_map_is_looked_up_in_the_photograph(tilted):
 def test_agreement_counts_witnesses():
     nan = np.nan
     own = np.array([[1.0, 1.0, 1.0, 1.0, 1.0, nan]])
-    seen = np.array([[[1.05, 0.5, 2.0, nan, 1.0, 1.0]], [[nan, 1.0, nan, nan, 0.5, 1.0]], [[0.5, 0.5, 1.0, nan, 2.0, 1.0]]])
-    #      one each     2 object  hidden, seen   alone  one each   nothing to check
+    seen = np.array([
+        [[1.05, 0.5, 2.0, nan, 1.0, 1.0]],
+        [[nan, 1.0, nan, nan, 0.5, 1.0]],
+        [[0.5, 0.5, 1.0, nan, 2.0, 1.0]],
+    ])  # one each, two object, hidden in one, alone, one each, nothing to check
     np.testing.assert_array_equal(agreement(own, seen, 0.1), [[True, False, True, False, True, False]])
     with pytest.raises(errors.ShapeError, match="seen must have shape"):
         agreement(own, seen[0], 0.1)
@@ -272,7 +275,7 @@ def test_sample_is_a_cubic_spline_with_its_slope(tilted):
     image, warps, *_ = tilted
     guess = np.random.default_rng(4).uniform(0, DEPTHS - 1, (20, SIZE[0])).astype(np.float32)
     guess[3, 4] = np.nan
-    spline = refinement._spline(image.astype(np.float32))
+    _, spline = refinement.prepare(image.astype(np.float32))
     values, slopes = np.zeros((2, 3, 30, SIZE[0] + 10), np.float32)
     seen = np.zeros((30, SIZE[0] + 10), np.float32)
     views.sample(spline, warps.masks[1], warps.nodes[0], 8, 40, guess, 5, values, slopes, seen)

@@ -26,6 +26,12 @@ _HOMES = {
     "errors": "",
     "media": "optics",
     "medium": "optics",
+    "read_photograph": "files",
+    "read_setup": "files",
+    "reconstruct": "pipeline",
+    "summarise": "analysis",
+    "triangulate": "triangulation",
+    "write_setup": "files",
 }
 __all__ = sorted([*_HOMES, "__version__"])
 

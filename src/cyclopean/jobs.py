@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from .analysis import RigSummary
     from .pipeline import Reconstruction
 
-console = Console(highlight=False)
+console = Console(highlight=False, width=None if sys.stdout.isatty() else 110)
 DEMO = Path(__file__).parent / "demo"
 
 
@@ -180,7 +181,7 @@ def print_info(setup_file: Path, depths: tuple[float, float] | None, noise_px: f
         summary = summarise(rig, depths or setup.depths, noise_px)
     camera = setup.camera
     console.print(
-        f"{setup_file.name}: camera {camera.size[0]} x {camera.size[1]} px, focal length "
+        f"{setup_file}: camera {camera.size[0]} x {camera.size[1]} px, focal length "
         f"{camera.focal[0]:g} px, {setup.optic.kind}, {len(rig)} views, {setup.wavelength_nm:g} nm"
     )
     console.print(f"figures hold between depths {summary.depths[0]:g} and {summary.depths[1]:g} mm\n")
@@ -190,23 +191,21 @@ def print_info(setup_file: Path, depths: tuple[float, float] | None, noise_px: f
 
 def info_tables(rig, summary: RigSummary) -> Iterator[Table]:
     """The tables of `cyclopean info`."""
-    title = "virtual cameras (best pinhole with distortion for each view)"
-    views = Table("view", "name", "pixels", "centre x, y, z (mm)", "focal (px)", title=title, title_justify="left")
+    title = "virtual cameras: the pinhole with distortion that fits each view best"
+    views = Table("view", "pixels", "centre x, y, z (mm)", "focal x, y (px)", title=title, title_justify="left")
     views.add_column("departure rms, max (px)")
-    for k, (view, camera) in enumerate(zip(rig, summary.cameras, strict=True)):
-        centre = ", ".join(f"{value:.2f}" for value in camera.centre)
+    for view, camera in zip(rig, summary.cameras, strict=True):
         views.add_row(
-            str(k),
             view.name + (", mirrored" if view.mirrored else ""),
             f"{view.region.mask.sum():,}",
-            centre,
-            f"{camera.camera.focal[0]:.1f}, {camera.camera.focal[1]:.1f}",
+            ", ".join(f"{value:.2f}" for value in camera.centre),
+            ", ".join(f"{value:.1f}" for value in camera.camera.focal),
             f"{camera.departure_rms:.3f}, {camera.departure_max:.3f}",
         )
     yield views
-    pairs = Table("views", "baseline (mm)", "angle of axes (deg)", title="pairs", title_justify="left")
+    pairs = Table("views", "baseline (mm)", "angle of axes (deg)", title="pairs of views", title_justify="left")
     for pair in summary.pairs:
-        pairs.add_row(f"{pair.first} - {pair.second}", f"{pair.baseline:.2f}", f"{np.degrees(pair.angle):.3f}")
+        pairs.add_row(f"{rig[pair.first].name} and {rig[pair.second].name}", f"{pair.baseline:.2f}", f"{np.degrees(pair.angle):.3f}")
     if summary.pairs:
         yield pairs
     title = "common field of view and depth resolution"

@@ -17,7 +17,7 @@ from .rigs.view import View
 class Points:
     """Triangulated points in the rig frame."""
 
-    points: np.ndarray  # (..., 3) mm; NaN where fewer than two views see the point
+    points: np.ndarray  # (..., 3) mm; NaN where fewer than two views see the point, or their rays part
     covariance: np.ndarray  # (..., 3, 3) mm^2
     residual: np.ndarray  # (...,) px, root mean square over the coordinates of the pixels
     views: np.ndarray  # (...,) int, how many views were used
@@ -58,15 +58,15 @@ def triangulate(views: Sequence[View], pixels: ArrayLike, sigma: float = 0.1) ->
     distance = np.linalg.norm(points[..., None, :] - bundle.origins, axis=-1)
     points = nearest_point(bundle, 1 / np.maximum(distance, 1e-9) ** 2).points
     for _ in range(3):
-        miss, jacobian = _miss(views, points, pixels, seen)
+        miss, jacobian, _ = _miss(views, points, pixels, seen)
         normal = np.einsum("...vij,...vik->...jk", jacobian, jacobian)
         gradient = np.einsum("...vij,...vi->...j", jacobian, miss)
         step = _solve(normal, gradient)
         points = points + np.where(np.isfinite(step), step, 0.0)
-    miss, jacobian = _miss(views, points, pixels, seen)
+    miss, jacobian, good = _miss(views, points, pixels, seen)
     count = seen.sum(-1)
     residual = np.sqrt((miss**2).sum((-1, -2)) / np.maximum(2 * count, 1))
-    lost = (count < 2) | ~np.isfinite(points).all(-1)
+    lost = (count < 2) | (good != seen).any(-1) | ~np.isfinite(points).all(-1)  # also rays that cross behind the glass
     covariance = _invert(np.einsum("...vij,...vik->...jk", jacobian, jacobian)) * sigma**2
     points = np.where(lost[..., None], np.nan, points)
     return Points(points, np.where(lost[..., None, None], np.nan, covariance), np.where(lost, np.nan, residual), count)
@@ -92,12 +92,12 @@ def point_covariance(
 
 
 def _miss(views, points, pixels, seen):
-    """Pixel errors (..., V, 2) and their derivatives (..., V, 2, 3); zero where a view does not count."""
+    """Pixel errors (..., V, 2), their derivatives (..., V, 2, 3) and which views count (..., V); zero where not."""
     derivatives = [view.unbounded().pixel_derivatives(points) for view in views]
     miss = pixels - np.stack([d.pixels for d in derivatives], -2)
     jacobian = np.stack([d.to_point for d in derivatives], -3)
     good = seen & np.isfinite(miss).all(-1)
-    return np.where(good[..., None], miss, 0.0), np.where(good[..., None, None], jacobian, 0.0)
+    return np.where(good[..., None], miss, 0.0), np.where(good[..., None, None], jacobian, 0.0), good
 
 
 def _invert(matrices):

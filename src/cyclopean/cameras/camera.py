@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import SetupError
-from ..geometry import Rays, as_pixels, as_points
+from ..geometry import Rays, as_pixels, as_points, launch
 
 CAMERA_PARAMETERS = ("focal_x", "focal_y", "centre_x", "centre_y", "k1", "k2", "p1", "p2", "k3")
 
@@ -28,7 +28,7 @@ class Camera:
     pixel_pitch: float | None = None  # mm; only needed where a lens's real focal length matters
 
     def __post_init__(self):
-        if len(self.size) != 2 or not all(n == int(n) and n > 0 for n in self.size):
+        if np.shape(self.size) != (2,) or not all(0 < n < np.inf and n == int(n) for n in self.size):
             raise SetupError(f"the camera's size must be (width, height) in whole pixels, got {self.size}")
         width, height = self.size
         focal = np.atleast_1d(np.asarray(self.focal, dtype=float))  # one number stands for both
@@ -99,7 +99,7 @@ class Camera:
 
         out = np.empty(pairs.shape)
         flat = np.ascontiguousarray(pairs).reshape(-1, 2)
-        kernels.convert(flat, self.lens, self.fold_radius, to_pixels, out.reshape(-1, 2))
+        launch(kernels.convert, len(flat), flat, self.lens, self.fold_radius, to_pixels, out.reshape(-1, 2))
         return out
 
     def rays(self, pixels: ArrayLike) -> Rays:

@@ -10,6 +10,7 @@ from ..geometry import as_points
 from .disk import PathLike, replacing
 
 _PLY_TYPES = {"<f4": "float", "|u1": "uchar"}
+_COVARIANCE = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
 
 
 def write_ply(
@@ -17,6 +18,7 @@ def write_ply(
     points: ArrayLike,
     colors: ArrayLike | None = None,
     normals: ArrayLike | None = None,
+    covariance: ArrayLike | None = None,
     sigma: ArrayLike | None = None,
 ) -> int:
     """Write points as binary PLY; points that are NaN are left out.
@@ -31,6 +33,8 @@ def write_ply(
         Red, green and blue.
     normals : (..., 3) array, optional
         Unit vectors; an unknown one (NaN) is written as zeros.
+    covariance : (..., 3, 3) array, optional
+        mm^2; the six numbers of its upper half become covariance_xx to covariance_zz.
     sigma : (...,) array, optional
         Standard deviation of each point's depth, mm.
 
@@ -40,44 +44,52 @@ def write_ply(
         How many points were written.
     """
     points = as_points(points)
-    columns = [(("x", "y", "z"), "<f4", points)]
+    with np.errstate(over="ignore"):  # what float32 cannot hold is no point either
+        keep = np.isfinite(points.astype(np.float32)).all(-1)
+
+    def kept(name, values, *components):
+        values = np.asarray(values)
+        if values.shape != (*keep.shape, *components):
+            wanted = (*keep.shape, *components)
+            raise ShapeError(f"{name} must have shape {wanted}, as the points do, got {values.shape}")
+        return values[keep]
+
+    columns = dict(zip("xyz", points[keep].T, strict=True))
     if normals is not None:
-        columns.append((("nx", "ny", "nz"), "<f4", np.nan_to_num(np.asarray(normals, dtype=float))))
+        columns |= zip(("nx", "ny", "nz"), np.nan_to_num(kept("normals", normals, 3)).T, strict=True)
     if colors is not None:
-        colors = np.asarray(colors)
-        if colors.dtype != np.uint8:
-            raise ShapeError(f"colors must be uint8, 0 to 255, got {colors.dtype}")
-        columns.append((("red", "green", "blue"), "|u1", colors))
+        columns |= zip(("red", "green", "blue"), _as_bytes(kept("colors", colors, 3)).T, strict=True)
     if sigma is not None:
-        columns.append((("sigma",), "<f4", np.asarray(sigma, dtype=float)[..., None]))
-    table = _structured(columns, points.shape[:-1])
+        columns["sigma"] = kept("sigma", sigma)
+    if covariance is not None:
+        matrices = kept("covariance", covariance, 3, 3)
+        columns |= {f"covariance_{name}": matrices[:, i, j] for name, (i, j) in _COVARIANCE.items()}
+    table = _table(columns)
     with replacing(path) as file:
         file.write(_header(table))
-        file.write(memoryview(table).cast("B") if table.size else b"")
+        file.write(table.tobytes())
     return table.size
 
 
-def _structured(columns, shape):
-    """One record (N,) for each finite point."""
-    keep = np.isfinite(columns[0][2].astype(np.float32)).all(-1)
-    types = [(name, kind) for names, kind, _ in columns for name in names]
-    table = np.empty(np.count_nonzero(keep), dtype=types)
-    for names, _, values in columns:
-        if values.shape != (*shape, len(names)):
-            wanted = (*shape, 3) if len(names) == 3 else shape
-            got = values.shape if len(names) == 3 else values.shape[:-1]
-            raise ShapeError(f"{' '.join(names)} must have shape {wanted}, as the points do, got {got}")
-        kept = values[keep]
-        for k, name in enumerate(names):
-            table[name] = kept[:, k]
+def _as_bytes(colors):
+    if colors.dtype != np.uint8:
+        raise ShapeError(f"colors must be uint8, 0 to 255, got {colors.dtype}")
+    return colors
+
+
+def _table(columns):
+    """Columns (N,) as records (N,)."""
+    types = [(name, "|u1" if values.dtype == np.uint8 else "<f4") for name, values in columns.items()]
+    table = np.empty(len(columns["x"]), dtype=types)
+    for name, values in columns.items():
+        table[name] = values
     return table
 
 
 def _header(table):
     lines = ["ply", "format binary_little_endian 1.0"]
     lines.append("comment cyclopean; mm in the camera frame: x right, y down, z forward")
-    if "sigma" in table.dtype.names:
-        lines.append("comment sigma: standard deviation of depth, mm")
+    lines.append("comment sigma: standard deviation of depth, mm; covariance: mm^2")
     lines.append(f"element vertex {table.size}")
     lines += [f"property {_PLY_TYPES[table.dtype[name].str]} {name}" for name in table.dtype.names]
     return ("\n".join([*lines, "end_header"]) + "\n").encode("ascii")

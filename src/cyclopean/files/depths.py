@@ -49,7 +49,7 @@ def _as_stored(name, values, shape):
     values = np.asarray(values)
     if len(shape) != 2 or values.shape != shape:
         raise ShapeError(f"depth must have shape (H, W) and {name} the same, got {shape} and {values.shape}")
-    if name == "view" and not (values.dtype.kind in "iu" and (not values.size or -1 <= values.min() <= values.max() < 128)):
+    if name == "view" and not (values.dtype.kind in "iu" and ((values >= -1) & (values < 128)).all()):
         raise ShapeError(f"view must hold whole numbers from -1 to 127, got {values.dtype}")
     return values.astype(_TYPES[name])
 
@@ -63,11 +63,13 @@ def read_depths(path: PathLike) -> dict[str, np.ndarray]:
         When the file is missing, damaged, or no depth map.
     """
     data = read_bytes(path, ImageError)
+    if not data.startswith(b"PK"):
+        raise ImageError(f"{path}: this is no NPZ file, so it is no depth map")
     try:
         with np.load(io.BytesIO(data)) as file:
             arrays = {name: file[name] for name in _TYPES if name in file}
-    except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile, zlib.error) as fault:
-        raise ImageError(f"{path}: this is no depth map (NPZ), or a damaged one: {fault}") from fault
+    except (ValueError, OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error) as fault:
+        raise ImageError(f"{path}: the depth map is truncated or damaged; copy it again ({fault})") from fault
     if "depth" not in arrays:
         raise ImageError(f"{path}: this NPZ file holds no array named depth, so it is no depth map")
     return arrays

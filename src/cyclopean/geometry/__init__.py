@@ -4,6 +4,7 @@ from .arrays import as_pixels, as_points
 from .polygons import clip_by_half_plane, polygon_area
 from .poses import Pose, rotation_from_vector, rotation_vector_jacobian, shortest_rotation
 from .rays import NearestPoint, Rays, nearest_point, shortest_segment
+from .threads import launch
 from .warps import Warps
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "as_pixels",
     "as_points",
     "clip_by_half_plane",
+    "launch",
     "nearest_point",
     "polygon_area",
     "rotation_from_vector",

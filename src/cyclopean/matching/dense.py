@@ -10,7 +10,7 @@ from ..errors import ImageError
 from ..geometry import Warps
 from .aggregation import aggregate, winner
 from .cost import cost_volume
-from .refinement import ITERATIONS, refine
+from .refinement import ITERATIONS, prepare, refine
 
 _OVERLAP = 48            # rows beyond a strip on each side that are worked on too, so that no seam shows
 _LEAST_ROWS = 16         # of a strip without its overlaps
@@ -86,10 +86,12 @@ def match(image, warps: Warps, *, memory_mib=1024, progress=None) -> DepthMap:
         if progress is not None:
             progress(next(ticks), total)
 
+    smooth, spline = prepare(levels)
     with _ALONE:
         for keep, rows in strips:
             inner = slice(keep.start - rows.start, keep.stop - rows.start)
-            result[:, keep] = np.stack(_match_strip(levels, warps, rows, tick))[:, inner]
+            guess = _search(levels, warps, rows, tick)
+            result[:, keep] = np.stack(refine(smooth, spline, warps, rows, guess, tick))[:, inner]
     steps, sigma, score = result
     unknown = np.isnan(steps)
     inverse_depth = (warps.inverse_depths[0] + steps.astype(float) * warps.step).astype(np.float32)
@@ -117,23 +119,22 @@ def _strips(warps, levels, memory_mib):
     (width, height), views, channels = warps.size, *warps.masks.shape[:1], levels.shape[-1]
     volume = 3 * len(warps.inverse_depths) + 4 * (views + 2 * channels)  # bytes a pixel, while aggregating
     windows = 4 * (2 * views * (channels + 1) + channels + 12)           # and while refining
-    left = memory_mib * 2**20 - 2 * levels.nbytes
+    left = memory_mib * 2**20 - 3 * levels.nbytes
     rows = int(left / (width * max(volume, windows))) - 2 * _OVERLAP
     rows = height if rows + 2 * _OVERLAP >= height else max(rows, _LEAST_ROWS)
     keep = [slice(top, min(top + rows, height)) for top in range(0, height, rows)]
     return [(k, slice(max(k.start - _OVERLAP, 0), min(k.stop + _OVERLAP, height))) for k in keep]
 
 
-def _match_strip(levels, warps, rows, tick):
-    """Inverse depth, sigma (both in steps) and score of some rows of the box."""
+def _search(levels, warps, rows, tick):
+    """Inverse depth in steps of some rows of the box, good to a fraction of a step."""
     (x0, y0), (width, _) = warps.origin, warps.size
     mask = np.ascontiguousarray(warps.reference_mask()[rows])
     volume = cost_volume(levels, warps, rows, tick)
     grey = levels[y0 + rows.start : y0 + rows.stop, x0 : x0 + width].mean(axis=-1)
     guess = winner(aggregate(volume, mask, _SMALL, _penalties(grey)), mask)
     tick()
-    del volume
-    return refine(levels, warps, rows, guess, tick)
+    return guess
 
 
 def _penalties(grey):

@@ -10,13 +10,15 @@ Lucas and Kanade, IJCAI 1981; Baker and Matthews, Lucas-Kanade 20 years on, IJCV
 
 import numpy as np
 from numba import njit, prange
-from scipy.ndimage import spline_filter
+from scipy.ndimage import gaussian_filter, spline_filter
 
 from .views import FAST, UNKNOWN, sample
 
 N = 128             # neighbouring pixels whose sums are built together
 _PAIRS = 10         # numbers kept per view: 6 of the 3x3 matrix, 3 of the right side, 1 energy
 
+_BLUR = 0.6         # px: without it, noise passes for texture and keeps the fit from moving
+_ALIKE = 1.5        # variance of the height, because the blur makes the noise of neighbours alike
 _RADIUS = 5         # half width of the window, px
 _WIDTH = 2.5        # standard deviation of the window's Gaussian weights, px
 _REACH = 1.0        # neighbours count up to this difference of inverse depth, in steps
@@ -238,13 +240,13 @@ def improve(reference, values, slopes, seen, depth, window, reach, gain_weight, 
     return result[0], result[1], result[2], likeness
 
 
-def refine(levels, warps, rows, guess, tick):
+def refine(smooth, spline, warps, rows, guess, tick):
     """Sharpen the inverse depths of some rows of the reference box.
 
     Parameters
     ----------
-    levels : (H, W, C) float32 array
-        Photograph in grey levels.
+    smooth, spline : (H, W, C) float32 arrays
+        Photograph in grey levels and its spline, from `prepare`.
     warps : Warps
         Maps into the other views.
     rows : slice
@@ -262,9 +264,8 @@ def refine(levels, warps, rows, guess, tick):
     """
     (x0, y0), (width, _), views = warps.origin, warps.size, len(warps.nodes)
     edges = (_RADIUS, _RADIUS), (_RADIUS, _RADIUS + -width % N)
-    box = levels[y0 + rows.start : y0 + rows.stop, x0 : x0 + width]
+    box = smooth[y0 + rows.start : y0 + rows.stop, x0 : x0 + width]
     reference = np.pad(np.moveaxis(box, -1, 0), ((0, 0), *edges))
-    spline = _spline(levels)
     values, slopes = np.zeros((2, views, *reference.shape), np.float32)
     seen = np.zeros((views, *reference.shape[1:]), np.float32)
     likeness = np.ones((views, *guess.shape), np.float32)
@@ -278,6 +279,7 @@ def refine(levels, warps, rows, guess, tick):
         found = improve(reference, values, slopes, seen, depth, window, np.float32(1 / _REACH**2),
                         _GAIN_WEIGHT, _STIFFNESS, _NOISE, _MARGIN)
         change, sigma, score, likeness = (a[..., :width] for a in found)
+        sigma = np.sqrt(np.float32(_ALIKE)) * sigma
         guess = guess + np.clip(np.nan_to_num(change), -1, 1)
         tick()
     good = (np.abs(change) <= _MAX_CHANGE) & (sigma <= _MAX_SIGMA) & (score >= _MIN_SCORE)
@@ -285,10 +287,11 @@ def refine(levels, warps, rows, guess, tick):
     return np.where(good, guess, np.float32(np.nan)), sigma, score
 
 
-def _spline(levels):
-    """Cubic B-spline coefficients of a picture, (H, W, C) float32."""
-    planes = [spline_filter(levels[..., c], order=3, output=np.float32) for c in range(levels.shape[-1])]
-    return np.stack(planes, axis=-1)
+def prepare(levels):
+    """Smooth a photograph (H, W, C) a little; also its cubic B-spline coefficients, both float32."""
+    smooth = gaussian_filter(levels, (_BLUR, _BLUR, 0))
+    planes = [spline_filter(smooth[..., c], order=3, output=np.float32) for c in range(levels.shape[-1])]
+    return smooth, np.stack(planes, axis=-1)
 
 
 def _window():

@@ -28,12 +28,16 @@ class Mirror:
     advance: float = 0.0  # mm, correction along the normal
 
     def __post_init__(self):
-        if not (np.isfinite(self.normal).all() and np.linalg.norm(self.normal) > 0):
-            raise OpticError(f"a mirror's normal must be a direction, got {self.normal}")
-        if not np.isfinite(self.centre).all():
+        if np.shape(self.normal) != (3,) or not (np.isfinite(self.normal).all() and np.linalg.norm(self.normal) > 0):
+            raise OpticError(f"a mirror's normal must be a direction, three numbers, got {self.normal}")
+        if np.shape(self.centre) != (3,) or not np.isfinite(self.centre).all():
             raise OpticError(f"a mirror's centre must be three numbers of mm, got {self.centre}")
-        if self.size is not None and not min(self.size) > 0:
+        if self.size is not None and (np.shape(self.size) != (2,) or not np.all(np.array(self.size) > 0)):
             raise OpticError(f"a mirror's size must be two positive numbers of mm, got {self.size}")
+        if np.shape(self.tilt_deg) != (2,) or not np.isfinite([*self.tilt_deg, self.advance]).all():
+            raise OpticError(
+                f"a mirror's corrections are two tilts and an advance, got {self.tilt_deg} degrees, {self.advance} mm"
+            )
 
     def _nominal_axes(self) -> np.ndarray:
         """Rows u, v, normal (3, 3) before the correction; v lies as near to image-down as it can."""

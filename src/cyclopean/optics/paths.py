@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import OpticError
-from ..geometry import Rays
+from ..geometry import Rays, launch
 from .surfaces import Interface, Reason
 
 
@@ -96,7 +96,15 @@ class Path:
         )
         out = np.empty((2, *origins.shape))
         flat = [np.ascontiguousarray(a).reshape(-1, 3) for a in (origins, directions)]
-        kernels.trace_rays(*flat, self.index_start, *self.packed, out[0].reshape(-1, 3), out[1].reshape(-1, 3))
+        launch(
+            kernels.trace_rays,
+            len(flat[0]),
+            *flat,
+            self.index_start,
+            *self.packed,
+            out[0].reshape(-1, 3),
+            out[1].reshape(-1, 3),
+        )
         return Rays(out[0], out[1])
 
     def explain(self, rays: Rays) -> np.ndarray:

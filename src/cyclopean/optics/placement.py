@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..errors import OpticError
 from ..geometry import rotation_from_vector, rotation_vector_jacobian
 
 PLACEMENT_NAMES = ("tilt_x", "tilt_y", "tilt_z", "shift_x", "shift_y", "distance")  # rad, mm
@@ -26,6 +27,9 @@ class Placement:
     @classmethod
     def of(cls, tilt_deg: ArrayLike, shift: ArrayLike, distance: float, turn: np.ndarray | None = None) -> Placement:
         """A placement from the numbers that users give."""
+        for name, numbers, count in (("tilt_deg", tilt_deg, 3), ("shift", shift, 2)):
+            if np.shape(numbers) != (count,) or not np.isfinite(numbers).all():
+                raise OpticError(f"{name} must be {count} numbers, got {numbers}")
         translation = np.array([*np.asarray(shift, dtype=float), distance])
         return cls(np.deg2rad(np.asarray(tilt_deg, dtype=float)), translation, np.eye(3) if turn is None else turn)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import OpticError
 from .indices import refractive_indices
-from .media import Medium
+from .media import Medium, medium
 from .paths import Path
 from .placement import PLACEMENT_NAMES, Placement
 from .surfaces import Disc, Interface
@@ -39,6 +39,9 @@ class Plate:
                 raise OpticError(f"the plate's {name} must be a positive number of mm, got {getattr(self, name)}")
         if self.radius is not None and not self.radius > 0:
             raise OpticError(f"the plate's radius must be a positive number of mm, got {self.radius}")
+        for material in (self.glass, self.surroundings, *([] if self.beyond is None else [self.beyond])):
+            medium(material)  # an unknown one is reported here
+        Placement.of(self.tilt_deg, self.shift, self.distance)  # so are wrong numbers
 
     def _indices(self, wavelength_nm):
         outside, inside = refractive_indices(self.glass, self.surroundings, wavelength_nm)

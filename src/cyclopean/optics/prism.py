@@ -42,8 +42,9 @@ class Prism:
     kind = "prism"
 
     def __post_init__(self):
-        if self.facets != int(self.facets) or self.facets < 2:
+        if not 2 <= self.facets < np.inf or self.facets != int(self.facets):
             raise OpticError(f"a prism has 2 facets or more (2 is a biprism), got facets={self.facets}")
+        object.__setattr__(self, "facets", int(self.facets))
         if not 0 < self.apex_deg < 90:
             raise OpticError(f"apex_deg must lie between 0 and 90, got {self.apex_deg}")
         for name in ("distance", "thickness"):
@@ -57,19 +58,30 @@ class Prism:
                 f"facet_deviation_deg needs one (angle, azimuth) pair for each of the {self.facets} facets, "
                 f"got shape {deviation.shape}"
             )
+        angles, azimuths = self._facet_angles()
+        if not ((angles > 0) & (angles < np.pi / 2) & np.isfinite(azimuths)).all():
+            raise OpticError(
+                f"every facet must stand at 0 to 90 degrees to the flat face, at some azimuth; got "
+                f"{np.degrees(angles)} and {np.degrees(azimuths)} degrees: look at facet_deviation_deg and azimuth_deg"
+            )
         self._check_outline()
+        self.placement  # noqa: B018  wrong numbers are reported here
         medium(self.glass), medium(self.surroundings)
 
     def _check_outline(self):
         if self.radius is None:
             return
+        if not 0 < self.radius < np.inf:
+            raise OpticError(
+                f"the prism's radius must be a positive number of mm, or None for facets that run on, got {self.radius}"
+            )
         steepest = self._facet_angles()[0].max()
         edge = self.thickness - self.radius * np.tan(steepest)
-        if not self.radius > 0 or edge < 0:
+        if edge < 0:
             raise OpticError(
                 f"the facets cross inside the glass: with apex_deg={np.degrees(steepest):g} and "
                 f"radius={self.radius:g} mm the rim would be {edge:.3g} mm thick; make the thickness at least "
-                f"{abs(self.radius) * np.tan(steepest):.4g} mm, or the radius or the angle smaller"
+                f"{self.radius * np.tan(steepest):.4g} mm, or the radius or the angle smaller"
             )
 
     def _facet_angles(self) -> tuple[np.ndarray, np.ndarray]:
@@ -89,9 +101,15 @@ class Prism:
     def paths(self, wavelength_nm: float) -> tuple[Path, ...]:
         """The n ways of light through the prism, one for each facet.
 
-        Raises OpticError when the axis of the prism is totally reflected: no such prism splits a picture.
+        Raises OpticError when light along the prism's axis is totally reflected, or not bent at all: no such prism
+        splits a picture.
         """
         outside, inside = refractive_indices(self.glass, self.surroundings, wavelength_nm)
+        if inside == outside:
+            raise OpticError(
+                f"the prism bends no light: its index is that of its surroundings, {inside:.5g}; "
+                "give another glass, by name or as an index"
+            )
         self._check_total_reflection(outside, inside)
         faces = self._faces()
         placed = [self.placement.plane(normal, offset) for normal, offset, *_ in faces]

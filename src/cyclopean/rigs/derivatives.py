@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..cameras import Camera
-from ..geometry import Rays
+from ..geometry import Rays, launch
 from ..optics import Path
 
 
@@ -119,7 +119,17 @@ def _ray_tangents(path, coordinates, with_rays=False):
     derivatives = np.zeros((0, len(path.interfaces), 5)) if path.derivatives is None else path.derivatives
     flat = np.ascontiguousarray(coordinates, dtype=float).reshape(-1, 2)
     rays, tangents = np.empty((len(flat), 6)), np.empty((len(flat), 2 + names, 6))
-    kernels.ray_tangents(flat, path.index_start, path.index_end, path.packed.planes, derivatives, rays, tangents)
+    launch(
+        kernels.ray_tangents,
+        len(flat),
+        flat,
+        path.index_start,
+        path.index_end,
+        path.packed.planes,
+        derivatives,
+        rays,
+        tangents,
+    )
     tangents = np.swapaxes(tangents, -1, -2).reshape(*coordinates.shape[:-1], 6, 2 + names)
     return (rays.reshape(*coordinates.shape[:-1], 6), tangents) if with_rays else tangents
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..cameras import Camera
 from ..cameras.camera import CAMERA_PARAMETERS
-from ..errors import OpticError, SetupError
-from ..optics import Path
+from ..errors import SetupError
+from ..optics import Path, Reason
 from .rig import Rig
 from .view import DEFAULT_MARGIN, View
 
@@ -79,24 +79,36 @@ class Setup:
     def blend_band(self, path: Path) -> float:
         """Width (px) of the band around a seam in which the open aperture sees both facets; 0 for a pinhole.
 
-        D (Zf - z0) / z0 * f / (Zf - f) on the sensor, for an entrance pupil D = f / f_number, focus at Zf and
-        the seam at z0: the pupil as seen through the seam, from where the lens focuses.
+        D (1 / z0 - 1 / Zf) times the camera's focal length in px, for an entrance pupil D, focus at Zf and a seam
+        that appears at z0: the pupil as seen through the seam, from where the lens focuses. A thin lens, whose
+        sensor stands where it is sharp: D = f / f_number, 1 / f = 1 / image distance + 1 / Zf.
         """
         pitch = self.camera.pixel_pitch
         if self.f_number is None or self.focus_distance is None or not path.interfaces:
             return 0.0
         if pitch is None:
-            raise OpticError("f_number and focus_distance need the camera's pixel_pitch (mm) to tell the blend band")
-        focal = self.camera.focal[0] * pitch
-        last = path.interfaces[-1]
-        seam = abs(last.offset / last.normal[2]) if last.normal[2] else self.focus_distance
-        seam = min(seam, self.focus_distance)
-        pupil = focal / self.f_number
-        width = pupil * (self.focus_distance - seam) / seam * focal / (self.focus_distance - focal)
-        return float(width / pitch)
+            raise SetupError("f_number and focus_distance need the camera's pixel_pitch (mm) to tell the blend band")
+        image = self.camera.focal[0] * pitch  # mm: what calibration finds is the distance from lens to sensor
+        pupil = 1 / (1 / image + 1 / self.focus_distance) / self.f_number
+        seam = min(_seam_depth(path), self.focus_distance)
+        return float(pupil * (1 / seam - 1 / self.focus_distance) * self.camera.focal[0])
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of every parameter: those of the camera, then those of the optic."""
         camera = tuple(f"camera.{name}" for name in CAMERA_PARAMETERS)
         return camera + tuple(f"optic.{name}" for name in self.optic.parameter_names)
+
+
+def _seam_depth(path):
+    """Distance (mm) along z at which a path's seam appears to stand; through glass it looks nearer."""
+    appears, depth, index = 0.0, 0.0, path.index_start
+    for interface in path.interfaces:
+        if interface.normal[2] == 0:
+            return np.inf
+        there = abs(interface.offset / interface.normal[2])
+        appears += abs(there - depth) * path.index_start / index
+        depth, index = there, interface.index_after
+        if Reason.WRONG_FACET in interface.bounds[:, 4]:
+            break  # facets meet here
+    return appears

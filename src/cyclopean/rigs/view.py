@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..cameras import Camera
 from ..errors import OpticError
-from ..geometry import Rays, as_pixels, as_points, nearest_point
+from ..geometry import Rays, as_pixels, as_points, launch, nearest_point
 from ..optics import Path, Reason
 from .derivatives import PixelDerivatives, RayDerivatives, pixel_derivatives, ray_derivatives
 from .regions import Region, pixel_grid
@@ -77,7 +77,7 @@ class View:
         pixels = as_pixels(pixels)
         out = np.empty((2, *pixels.shape[:-1], 3))
         flat = np.ascontiguousarray(pixels).reshape(-1, 2)
-        kernels.trace_pixels(flat, *self._optics, out[0].reshape(-1, 3), out[1].reshape(-1, 3))
+        launch(kernels.trace_pixels, len(flat), flat, *self._optics, out[0].reshape(-1, 3), out[1].reshape(-1, 3))
         if self.path.blockers:
             out[:, self._blocked(out[1])] = np.nan
         return Rays(out[0], out[1])
@@ -106,9 +106,18 @@ class View:
         points = as_points(points)
         out = np.empty((*points.shape[:-1], 2))
         flat = np.ascontiguousarray(points).reshape(-1, 3)
-        kernels.project_points(flat, *self._aim, *self._optics[:2], self._limits, *self._optics[2:], out.reshape(-1, 2))
+        launch(
+            kernels.project_points,
+            len(flat),
+            flat,
+            *self._aim,
+            *self._optics[:2],
+            self._limits,
+            *self._optics[2:],
+            out.reshape(-1, 2),
+        )
         if self.path.blockers:
-            out[self._blocked(points, reach=1.0)] = np.nan
+            out[self._blocked(points)] = np.nan
         return out
 
     def ray_derivatives(self, pixels: ArrayLike) -> RayDerivatives:
@@ -143,12 +152,11 @@ class View:
         """The `Reason` (integer array (...,)) why each point (..., 3) has no pixel in this view; 0 where it has one."""
         points = as_points(points)
         pixels = self.unbounded().project(points)
-        reasons = np.where(np.isfinite(pixels).all(-1), self.explain_pixels(pixels), int(Reason.NO_SOLUTION))
+        unsolved = np.where(self._behind(points), int(Reason.BEHIND), int(Reason.NO_SOLUTION))
+        reasons = np.where(np.isfinite(pixels).all(-1), self.explain_pixels(pixels), unsolved)
         inside = self.camera.contains(pixels)
         reasons = np.where((reasons == Reason.SEEN) & ~inside, int(Reason.OUTSIDE_IMAGE), reasons)
-        reasons = np.where(np.isfinite(points).all(-1), reasons, int(Reason.NOT_A_NUMBER))
-        missing = np.isnan(self.project(points)).any(-1) & (reasons == Reason.SEEN)
-        return np.where(missing, int(Reason.BLOCKED if self.path.blockers else Reason.BEHIND), reasons)
+        return np.where(np.isfinite(points).all(-1), reasons, int(Reason.NOT_A_NUMBER))
 
     @cached_property
     def region(self) -> Region:
@@ -159,7 +167,7 @@ class View:
         if self.path.blockers:
             return Region(np.isfinite(self.rays(grid).directions[..., 0]), self.margin)
         clearance = np.empty(grid.shape[:2])
-        kernels.pixel_clearance(grid.reshape(-1, 2), *self._optics, clearance.reshape(-1))
+        launch(kernels.pixel_clearance, clearance.size, grid.reshape(-1, 2), *self._optics, clearance.reshape(-1))
         return Region(clearance >= 0, self.margin, clearance)
 
     @cached_property
@@ -177,23 +185,34 @@ class View:
         width, height = self.camera.size
         pixels = np.stack(np.meshgrid(np.linspace(0, width - 1, 33), np.linspace(0, height - 1, 33)), -1).reshape(-1, 2)
         good = np.isfinite(self.rays(pixels).directions).all(-1)
-        if np.count_nonzero(good) < 6:
+        inside = pixels[good]
+        if len(inside) < 6:  # a small view may lie between the samples
+            every = np.argwhere(self.region.traced)[:, ::-1].astype(float)
+            inside = every[:: max(len(every) // 1000, 1)]
+        if len(inside) < 6:
             raise OpticError(
                 f"no light reaches the camera through {self.name or 'this view'}; rays of the image are lost: "
                 f"{_tally(self.explain_pixels(pixels[::7]))}"
             )
-        rays, coordinates = self.rays(pixels[good]), self.camera.normalise(pixels[good])
+        rays, coordinates = self.rays(inside), self.camera.normalise(inside)
         return _rough_camera(rays, coordinates), _seeds(coordinates)
 
-    def _blocked(self, directions, reach=np.inf):
-        """True where a straight line from the pinhole meets one of the path's blockers before `reach` directions."""
+    def _behind(self, points):
+        """True (...,) where points do not lie in front of the last surface, or of the camera if there is none."""
+        if not self.path.interfaces:
+            return points[..., 2] <= 0
+        last, axis = self.path.interfaces[-1], self._aim[0][3]
+        return (points @ last.normal - last.offset) * (axis @ last.normal) <= 0
+
+    def _blocked(self, directions):
+        """True (...,) where a straight line from the pinhole meets one of the path's blockers."""
         blocked = np.zeros(directions.shape[:-1], dtype=bool)
         for blocker in self.path.blockers:
             with np.errstate(divide="ignore", invalid="ignore"):
                 distance = blocker.offset / (directions @ blocker.normal)
             hits = distance[..., None] * directions
             inside = (hits @ blocker.bounds[:, :3].T <= blocker.bounds[:, 3]).all(-1)
-            blocked |= inside & (distance > 0) & (distance < reach)
+            blocked |= inside & (distance > 0) & (distance < np.inf)
         return blocked
 
 

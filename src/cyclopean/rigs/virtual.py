@@ -199,7 +199,9 @@ def _boundary_pixel(view, boundary):
     if boundary == "edge":
         return rim[np.argmax(np.linalg.norm(offset, axis=-1))]
     towards = view.region.centre - view.camera.centre
-    towards /= max(np.linalg.norm(towards), 1e-9)
+    # a sub-image in the middle of the picture leaves the direction open: take x
+    length = np.linalg.norm(towards)
+    towards = towards / length if length > 1e-6 else np.array([1.0, 0.0])
     sideways = np.abs(offset @ [-towards[1], towards[0]])
     ahead = offset @ towards
     near_line = sideways <= np.min(sideways[ahead > 0]) + 1.0
