@@ -1,11 +1,8 @@
 """Where the photographs with known truth lie, and what took them; the tests look here too."""
 
 import json
-import json
 import os
 from pathlib import Path
-
-from cyclopean import Camera, Prism, Setup
 
 from cyclopean import Camera, Prism, Setup
 
@@ -36,27 +33,6 @@ def data_folder(name: str) -> Path:
     if not folder.is_dir():
         raise FileNotFoundError(f"no folder {folder}; set CYCLOPEAN_DATA to the folder that holds {name}/")
     return folder
-
-
-def rendered_setup(name: str) -> Setup:
-    """The setup that took the rendered photographs of a rig, from its `mitsuba/rigs/NAME.json`."""
-    facts = json.loads((data_folder("mitsuba") / "rigs" / f"{name}.json").read_text(encoding="utf-8"))
-    camera, prism = facts["camera"], facts["prism"]
-    return Setup(
-        Camera.from_matrix(camera["K"], (camera["width"], camera["height"]), camera["dist_k1k2p1p2k3"]),
-        Prism(
-            facets=prism["n_facets"],
-            apex_deg=prism["alpha_deg"],
-            glass=prism["index"],
-            distance=prism["standoff"],
-            thickness=prism["apex_height"],
-            radius=prism["radius"],
-            facing={"apex_scene": "scene", "apex_camera": "camera"}[prism["orientation"]],
-            azimuth_deg=prism["phi0_deg"],
-            tilt_deg=tuple(prism["tilt_rvec_deg"]),
-            shift=tuple(prism["shift_xy"]),
-        ),
-    )
 
 
 def renderer_setup(name: str) -> Setup:

@@ -4,9 +4,12 @@
 
 Tracing: 1e6 pixels of one view of a biprism (10 degrees, index 1.5168) become rays behind the glass; the
 others start from unit vectors. Projecting: 1e6 points become pixels, through the same glass or, for packages
-that only know surfaces that face the camera, through a flat port of water or a plate. Float64, two threads,
-the contenders in turn over several rounds, medians of wall times; every answer is checked first. Results are
-stored in results/optics.json, but only when every package is here, best in an environment of their own:
+that only know surfaces that face the camera, through a flat port of water or a plate. Float64, two threads.
+
+Every contender lives in a process of its own, because packages change how memory is handed out and leave
+threads waiting for work; the processes take turns over several rounds, and medians of wall times count. Every
+answer is checked first. Figures are stored in results/optics.json, but only when every package is here, best
+in an environment of their own:
 
     pip install batoid optiland torch optv && pip install --no-deps aquakit
 """
@@ -19,9 +22,11 @@ for variable in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):  # read when the packa
 
 import argparse  # noqa: E402
 import math  # noqa: E402
+import multiprocessing  # noqa: E402
 import re  # noqa: E402
 import time  # noqa: E402
 from collections.abc import Callable, Sequence  # noqa: E402
+from dataclasses import dataclass  # noqa: E402
 from pathlib import Path  # noqa: E402
 
 import numpy as np  # noqa: E402
@@ -32,7 +37,6 @@ from peers import (  # noqa: E402
     Layers,
     Pinhole,
     aquakit_projecting,
-    installed,
     numpy_projecting,
     optv_projecting,
     trace,
@@ -43,31 +47,36 @@ APEX_DEG, INDEX, WATER, DISTANCE, THICKNESS = 10.0, 1.5168, 1.333, 60.0, 10.0
 CAMERA = Pinhole(focal=(2400.0, 2400.0), centre=(639.5, 479.5), size=(1280, 960))
 RAY_BYTES, POINT_BYTES = 16 + 48, 24 + 16  # float64: pixel in, point and direction out; point in, pixel out
 COUNT = 1_000_000
-OURS = "cyclopean"
+OURS, MEMORY = "cyclopean", "memory alone (triad)"
 FAST = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "arcp", "nsz"}}
 
 
 # Problems
 
 
-def wedge() -> Layers:
-    """The flat face of the biprism and its facet towards +x, which passes through the apex."""
-    apex = np.radians(APEX_DEG)
-    points = np.array([[0.0, 0.0, DISTANCE], [0.0, 0.0, DISTANCE + THICKNESS]])
-    normals = np.array([[0.0, 0.0, 1.0], [np.sin(apex), 0.0, np.cos(apex)]])
-    return Layers(points, normals, (1.0, INDEX, 1.0))
+def layers_of(optic: str) -> Layers:
+    """The planes of an optic: the biprism's flat face and its facet towards +x, a water surface, or a plate."""
+    near, far, apex = DISTANCE, DISTANCE + THICKNESS, np.radians(APEX_DEG)
+    ahead, tilted = [0.0, 0.0, 1.0], [np.sin(apex), 0.0, np.cos(apex)]
+    heights, normals, indices = {
+        "wedge": ([near, far], [ahead, tilted], (1.0, INDEX, 1.0)),  # the facet passes through the apex
+        "port": ([near], [ahead], (1.0, WATER)),
+        "plate": ([near, far], [ahead, ahead], (1.0, INDEX, 1.0)),
+    }[optic]
+    return Layers(np.outer(heights, ahead), np.array(normals), indices, optic)
 
 
-def facing(heights: Sequence[float], indices: tuple[float, ...]) -> Layers:
-    """Planes that face the camera at these distances (mm)."""
-    points = np.array([[0.0, 0.0, height] for height in heights])
-    return Layers(points, np.tile([0.0, 0.0, 1.0], (len(heights), 1)), indices)
+def problem(layers: Layers, tracing: bool) -> tuple[np.ndarray, np.ndarray]:
+    """What a contender is given and the answer: pixels and (N, 6) rays, or points and the pixels that see them.
 
-
-def seen(layers: Layers, pixels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Points (N, 3) that these pixels see, 500 to 1500 mm behind the layers."""
+    The points lie 500 to 1500 mm along the rays of the pixels, so that both answers are closed forms.
+    """
+    rng = np.random.default_rng(1)
+    pixels = rng.uniform([660, 0], [1279, 959], (COUNT, 2))  # well inside the view
     exits, directions = trace(layers, CAMERA.directions(pixels))
-    return exits + rng.uniform(500, 1500, (len(pixels), 1)) * directions
+    if tracing:
+        return pixels, np.hstack([exits, directions])
+    return exits + rng.uniform(500, 1500, (COUNT, 1)) * directions, pixels
 
 
 # Our side, through the public interface
@@ -86,16 +95,16 @@ def our_view(optic: str):
     return Setup(camera, optics[optic]()).rig()[0]
 
 
-def our_tracing(pixels: np.ndarray) -> Contender:
+def our_tracing(camera: Pinhole, layers: Layers, pixels: np.ndarray) -> Contender:
     """`view.rays`, from pixels."""
-    view = our_view("wedge")
+    view = our_view(layers.name)
     return Contender(OURS, lambda _: view.rays(pixels), lambda rays: np.hstack([rays.origins, rays.directions]))
 
 
-def our_projecting(optic: str, points: np.ndarray) -> Contender:
+def our_projecting(camera: Pinhole, layers: Layers, points: np.ndarray) -> Contender:
     """`view.project`."""
-    view = our_view(optic)
-    return Contender(f"{OURS}, {optic}", lambda _: view.project(points), np.asarray)
+    view = our_view(layers.name)
+    return Contender(f"{OURS}, {layers.name}", lambda _: view.project(points), np.asarray)
 
 
 # What the machine could do: the same arithmetic without an interface, and memory alone
@@ -154,140 +163,191 @@ def triad(a, b, c):
         a[i] = b[i] + 3.0 * c[i]
 
 
-def ceilings(layers: Layers, pixels: np.ndarray) -> list[Contender]:
-    """Bare kernels: columns into old arrays, rows into old arrays, rows into new ones."""
-    camera = np.array([*CAMERA.focal, *CAMERA.centre])
-    ratios = [layers.indices[0] / layers.indices[1], layers.indices[1] / layers.indices[2]]
+def packed(camera: Pinhole, layers: Layers) -> tuple[np.ndarray, np.ndarray]:
+    """Camera and planes as `two_planes` wants them."""
     offsets = np.sum(layers.points * layers.normals, axis=1)
-    planes = np.column_stack([layers.normals, offsets, ratios])
-    columns, old = np.zeros((6, len(pixels))), np.zeros((2, len(pixels), 3))
+    ratios = [ratio for _, _, ratio in layers]
+    return np.array([*camera.focal, *camera.centre]), np.column_stack([layers.normals, offsets, ratios])
+
+
+def columns_tracing(camera: Pinhole, layers: Layers, pixels: np.ndarray) -> Contender:
+    """A bare kernel: columns into columns that are there already."""
     x, y = np.ascontiguousarray(pixels.T)
+    numbers, out = packed(camera, layers), np.ones((6, len(pixels)))
 
-    def run_columns(_):
-        bare_columns(x, y, camera, planes, columns)
-        return columns
-
-    def run_rows(out):
-        bare_rows(pixels.reshape(-1), camera, planes, out[0].reshape(-1), out[1].reshape(-1))
+    def run(_):
+        bare_columns(x, y, *numbers, out)
         return out
 
-    return [
-        Contender("bare kernel, columns, in place", run_columns, np.transpose),
-        Contender("bare kernel, rows, in place", run_rows, np.hstack, lambda: old),
-        Contender("bare kernel, rows, new arrays", lambda _: run_rows(np.empty_like(old)), np.hstack),
-    ]
+    return Contender("bare kernel, columns, in place", run, np.transpose)
 
 
-def memory(count: int) -> Contender:
+def rows_tracing(camera: Pinhole, layers: Layers, pixels: np.ndarray, new: bool = False) -> Contender:
+    """A bare kernel: rows into rows that are there already, or into new ones, as ours are."""
+    numbers, old = packed(camera, layers), np.ones((2, len(pixels), 3))
+
+    def run(_):
+        out = np.empty_like(old) if new else old
+        bare_rows(pixels.reshape(-1), *numbers, out[0].reshape(-1), out[1].reshape(-1))
+        return out
+
+    return Contender("bare kernel, rows, " + ("new arrays" if new else "in place"), run, np.hstack)
+
+
+def new_rows_tracing(camera: Pinhole, layers: Layers, pixels: np.ndarray) -> Contender:
+    """A bare kernel: rows into new rows."""
+    return rows_tracing(camera, layers, pixels, new=True)
+
+
+def memory(camera: Pinhole, layers: Layers, pixels: np.ndarray) -> Contender:
     """The triad over arrays that hold as many bytes together as the rays do."""
-    a, b, c = np.ones((3, count * RAY_BYTES // 24))  # ones: memory that was only ever zeroed is not there yet
-    return Contender("memory alone (triad)", lambda _: triad(a, b, c), np.asarray)
+    # ones, because memory that was only ever zeroed is not there yet
+    a, b, c = np.ones((3, len(pixels) * RAY_BYTES // 24))
+    return Contender(MEMORY, lambda _: triad(a, b, c), None)
 
 
 # Races
 
 
-def race(contenders: Sequence[Contender], rounds: int, floor: float = 0.05) -> dict[str, np.ndarray]:
-    """Wall times (s) of each contender by name: in turn, `rounds` times, each time for `floor` s or once."""
-    times = {contender.name: [] for contender in contenders}
+@dataclass(frozen=True)
+class Entry:
+    """One contender: who makes it, through which optic, tracing or projecting, and how far off it may be."""
+
+    maker: Callable
+    optic: str
+    tracing: bool
+    tolerance: float  # mm and direction cosines when tracing, px when projecting
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """How a contender fared."""
+
+    name: str
+    ours: str  # the name of our contender on the same problem
+    error: float  # largest difference from the truth; NaN where nothing was checked
+    times: np.ndarray  # (R,) s, each run
+
+
+def serve(entry: Entry, pipe) -> None:
+    """Build a contender and say its name and error, or what is missing; then run it whenever asked."""
+    layers = layers_of(entry.optic)
+    given, truth = problem(layers, entry.tracing)
+    try:
+        contender = entry.maker(CAMERA, layers, given)
+    except (ImportError, OSError) as error:
+        pipe.send((None, f"{entry.maker.__name__}: {error}"))
+        return
+    result = contender.run(contender.fresh())
+    error = np.abs(contender.answer(result) - truth).max() if contender.answer else math.nan
+    del result
+    pipe.send((contender.name, float(error)))
+    while floor := pipe.recv():
+        pipe.send(turn(contender, floor))
+
+
+def turn(contender: Contender, floor: float) -> list[float]:
+    """Wall times (s) of runs that last `floor` s together, or of a single run that takes longer."""
+    times: list[float] = []
+    while sum(times) < floor:
+        state = contender.fresh()
+        start = time.perf_counter()
+        result = contender.run(state)
+        times.append(time.perf_counter() - start)
+        del result
+    return times
+
+
+def race(entries: Sequence[Entry], rounds: int) -> tuple[list[Result], list[str]]:
+    """Let the contenders run in turn, each in its own process; also say who could not take part."""
+    context = multiprocessing.get_context("spawn")
+    runners, results, missing = [], [], []
+    for entry in entries:
+        pipe, theirs = context.Pipe()
+        process = context.Process(target=serve, args=(entry, theirs), daemon=True)
+        process.start()
+        theirs.close()
+        name, said = pipe.recv()
+        if name is None:
+            missing.append(said)
+        elif said > entry.tolerance:
+            raise SystemExit(f"{name} is wrong: off by {said:.3g}, allowed {entry.tolerance:.3g}")
+        else:
+            ours = OURS if entry.tracing else f"{OURS}, {entry.optic}"
+            runners.append((pipe, process, name, ours, said, []))
     for number in range(rounds + 1):
-        for contender in contenders:
+        for pipe, *_, times in runners:
             time.sleep(0.1)  # threads of the one before wait for work, and then give up
-            spent = 0.0
-            while spent < floor:
-                state = contender.fresh()
-                start = time.perf_counter()
-                result = contender.run(state)
-                took = time.perf_counter() - start
-                del result
-                spent += took
-                if number:  # round 0 compiles and warms up
-                    times[contender.name].append(took)
-    return {name: np.array(values) for name, values in times.items()}
+            pipe.send(0.05)
+            times.extend(pipe.recv() if number else pipe.recv()[:0])  # round 0 warms up
+    for pipe, process, name, ours, error, times in runners:
+        pipe.send(None)
+        process.join()
+        results.append(Result(name, ours, error, np.array(times)))
+    return results, missing
+
+
+def report(title: str, results: Sequence[Result], item_bytes: int, bandwidth: float) -> None:
+    """Print a race: rates in 1e6/s, our rate over each, share of the bandwidth (bytes/s), largest error."""
+    medians = {result.name: np.median(result.times) for result in results}
+    rows = []
+    for result in sorted(results, key=lambda result: medians[result.name]):
+        median, least = medians[result.name], result.times.min()
+        ratio = median / medians.get(result.ours, math.nan)
+        rate = COUNT / median
+        share = 100 * rate * item_bytes / bandwidth
+        rows.append([result.name, median * 1e3, least * 1e3, rate / 1e6, ratio, share, f"{result.error:.0e}"])
+    table(title, ["", "median ms", "least ms", "1e6/s", "ours / it", "% bandwidth", "error"], rows)
+
+
+def figures(prefix: str, results: Sequence[Result]) -> dict[str, float]:
+    """Rates, and ours over each, under names that carry the unit."""
+    medians = {result.name: np.median(result.times) for result in results}
+    found = {}
+    for result in results:
+        key = f"{prefix}_" + re.sub(r"\W+", "_", result.name.lower()).strip("_")
+        found[f"{key}_million_per_s"] = COUNT / medians[result.name] / 1e6
+        if not result.name.startswith((OURS, "bare")) and result.ours in medians:
+            found[f"{key}_ours_over_it_times"] = medians[result.name] / medians[result.ours]
+    return found
+
+
+def race_tracing(rounds: int) -> tuple[dict[str, float], list[str], float]:
+    """Race, print and name the figures of tracing; also what is missing, and the bandwidth in bytes/s."""
+    makers = [our_tracing, *TRACING, columns_tracing, rows_tracing, new_rows_tracing, memory]
+    # 1e-12: some roundings of numbers up to 75 (mm)
+    results, missing = race([Entry(maker, "wedge", True, 1e-12) for maker in makers], rounds)
+    alone = next(result for result in results if result.name == MEMORY)
+    bandwidth = COUNT * RAY_BYTES / np.median(alone.times)
+    results.remove(alone)
+    report("Tracing a wedge: 1e6 rays", results, RAY_BYTES, bandwidth)
+    print(f"{MEMORY}, over as many bytes: {bandwidth / 1e9:.1f} GB/s\n")
+    return figures("trace", results), missing, bandwidth
+
+
+def race_projecting(rounds: int, bandwidth: float) -> tuple[dict[str, float], list[str]]:
+    """Race, print and name the figures of projecting; also what is missing."""
+    entries = [
+        Entry(our_projecting, "wedge", False, 1e-8),
+        Entry(numpy_projecting, "wedge", False, 1e-8),
+        Entry(our_projecting, "port", False, 1e-8),
+        Entry(aquakit_projecting, "port", False, 1e-8),
+        Entry(our_projecting, "plate", False, 1e-8),
+        Entry(optv_projecting, "plate", False, 1e-3),  # stops when the ray's foot moves by less than 1 um
+    ]
+    results, missing = race(entries, rounds)
+    report("Projecting: 1e6 points", results, POINT_BYTES, bandwidth)
+    return figures("project", results), missing
 
 
 def busy_seconds() -> float:
-    """Processor time that everything on this machine has spent so far; NaN where the system does not tell."""
+    """Processor time that all other programs have spent so far; NaN where the system does not tell."""
     try:
         user, nice, system, _, _, *interrupts = Path("/proc/stat").read_text().splitlines()[0].split()[1:8]
     except OSError:
         return math.nan
-    return sum(map(int, [user, nice, system, *interrupts])) / os.sysconf("SC_CLK_TCK")
-
-
-def check(contender: Contender, truth: np.ndarray, tolerance: float) -> float:
-    """Largest difference between a contender's answer and the truth; too large a one ends the benchmark."""
-    answer = contender.answer(contender.run(contender.fresh()))
-    worst = float(np.abs(answer - truth).max())
-    if not worst <= tolerance:
-        raise SystemExit(f"{contender.name} is wrong: off by {worst:.3g}, allowed {tolerance:.3g}")
-    return worst
-
-
-def report(title: str, times: dict, errors: dict, ours: Callable, item_bytes: int, bandwidth: float) -> None:
-    """Print the race: rates in 1e6/s, our rate over each, share of the bandwidth, largest error."""
-    rows = []
-    for name in sorted(times, key=lambda name: np.median(times[name])):
-        median, least = np.median(times[name]), times[name].min()
-        ratio = median / np.median(times[ours(name)]) if ours(name) in times else math.nan
-        rate = COUNT / median
-        share = 100 * rate * item_bytes / bandwidth
-        rows.append([name, median * 1e3, least * 1e3, rate / 1e6, ratio, share, f"{errors[name]:.0e}"])
-    columns = ["", "median ms", "least ms", "1e6/s", "ours / it", "% bandwidth", "error"]
-    table(title, columns, rows)
-
-
-def figures(prefix: str, times: dict, ours: Callable[[str], str]) -> dict[str, float]:
-    """Rates, and ours over each, with names that carry the unit."""
-    found = {}
-    for name, values in times.items():
-        key = f"{prefix}_" + re.sub(r"\W+", "_", name.lower()).strip("_")
-        found[f"{key}_million_per_s"] = COUNT / np.median(values) / 1e6
-        if not name.startswith((OURS, "bare")) and ours(name) in times:
-            found[f"{key}_ours_over_it_times"] = np.median(values) / np.median(times[ours(name)])
-    return found
-
-
-def race_tracing(rounds: int, rng: np.random.Generator) -> tuple[dict, list[str], float]:
-    """Race, print and name the figures of tracing; also what is missing, and the bandwidth in bytes/s."""
-    layers = wedge()
-    pixels = rng.uniform([660, 0], [1279, 959], (COUNT, 2))  # well inside the view
-    contenders, missing = installed(TRACING, layers, CAMERA.directions(pixels))
-    own, absent = installed([our_tracing], pixels)
-    contenders = own + contenders + ceilings(layers, pixels)
-    truth = np.hstack(trace(layers, CAMERA.directions(pixels)))
-    # 1e-12: some roundings of numbers up to 75 (mm)
-    errors = {contender.name: check(contender, truth, 1e-12) for contender in contenders}
-    alone = memory(COUNT)
-    times = race([*contenders, alone], rounds)
-    bandwidth = COUNT * RAY_BYTES / np.median(times.pop(alone.name))
-    report("Tracing a wedge: 1e6 rays", times, errors, lambda _: OURS, RAY_BYTES, bandwidth)
-    print(f"memory alone (triad over as many bytes): {bandwidth / 1e9:.1f} GB/s\n")
-    return figures("trace", times, lambda _: OURS), missing + absent, bandwidth
-
-
-def race_projecting(rounds: int, rng: np.random.Generator, bandwidth: float) -> tuple[dict, list[str]]:
-    """Race, print and name the figures of projecting; also what is missing."""
-    pixels = rng.uniform([660, 0], [1279, 959], (COUNT, 2))
-    glass = {
-        "wedge": (wedge(), [numpy_projecting]),
-        "port": (facing([DISTANCE], (1.0, WATER)), [aquakit_projecting]),
-        "plate": (facing([DISTANCE, DISTANCE + THICKNESS], (1.0, INDEX, 1.0)), [optv_projecting]),
-    }
-    contenders, missing, errors, ours = [], [], {}, {}
-    for optic, (layers, makers) in glass.items():
-        points = seen(layers, pixels, rng)  # a closed form: the pixels came first
-        others, absent = installed(makers, CAMERA, layers, points)
-        own, unable = installed([our_projecting], optic, points)
-        for contender in own + others:
-            # px; optv stops when the foot of the ray moves by less than 1 um
-            errors[contender.name] = check(contender, pixels, 1e-3 if "optv" in contender.name else 1e-8)
-            ours[contender.name] = f"{OURS}, {optic}"
-        contenders += own + others
-        missing += absent + unable
-    times = race(contenders, rounds)
-    report("Projecting: 1e6 points", times, errors, ours.get, POINT_BYTES, bandwidth)
-    return figures("project", times, ours.get), missing
+    spent = sum(map(int, [user, nice, system, *interrupts])) / os.sysconf("SC_CLK_TCK")
+    return spent - sum(os.times()[:4])
 
 
 def main() -> None:
@@ -296,22 +356,17 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7, help="rounds of each race (default 7)")
     parser.add_argument("--dry", action="store_true", help="store nothing")
     chosen = parser.parse_args()
-    rng = np.random.default_rng(1)
-    began, before = time.perf_counter(), busy_seconds() - time.process_time()
-    traced, missing, bandwidth = race_tracing(chosen.rounds, rng)
-    projected, more = race_projecting(chosen.rounds, rng, bandwidth)
-    others = 100 * (busy_seconds() - time.process_time() - before) / (time.perf_counter() - began)
+    began, before = time.perf_counter(), busy_seconds()
+    traced, missing, bandwidth = race_tracing(chosen.rounds)
+    projected, more = race_projecting(chosen.rounds, bandwidth)
+    others = 100 * (busy_seconds() - before) / (time.perf_counter() - began)
     print(f"other programs kept {others:.0f} % of a processor busy; above 10 %, measure again\n")
     for reason in dict.fromkeys(missing + more):
         print(f"left out: {reason}")
     if missing or more or chosen.dry:
         print("not stored")
         return
-    general = {
-        "memory_triad_gb_per_s": bandwidth / 1e9,
-        "threads_count": THREADS,
-        "others_busy_percent": others,
-    }
+    general = {"memory_triad_gb_per_s": bandwidth / 1e9, "threads_count": THREADS, "others_busy_percent": others}
     write("optics", {**traced, **projected, **general})
 
 

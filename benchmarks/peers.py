@@ -4,7 +4,7 @@ A maker takes a problem and gives a `Contender`; it imports its package inside, 
 skipped. Arrays are handed to each package in the layout it likes best, outside the clock.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ class Layers:
     points: np.ndarray  # (S, 3) mm, one on each plane
     normals: np.ndarray  # (S, 3) unit, away from the camera
     indices: tuple[float, ...]  # (S + 1,) refractive index before, between and after the planes
+    name: str = ""
 
     def __iter__(self):
         """Point, normal, and index before over index after, of each plane."""
@@ -48,27 +49,16 @@ class Contender:
     """One way to solve a problem.
 
     Only `run` is timed. It gets what `fresh` gives (a new state for an interface that works in place), and
-    `answer` makes an array to check out of what it gives back.
+    `answer` makes an array to check out of what it gives back; None where there is nothing to check.
     """
 
     name: str
     run: Callable
-    answer: Callable
+    answer: Callable | None
     fresh: Callable = lambda: None
 
 
-def installed(makers: Iterable[Callable], *problem) -> tuple[list[Contender], list[str]]:
-    """Contenders of the packages that are here, and why each of the others is not."""
-    contenders, missing = [], []
-    for maker in makers:
-        try:
-            contenders.append(maker(*problem))
-        except (ImportError, OSError) as error:
-            missing.append(f"{maker.__name__}: {error}")
-    return contenders, missing
-
-
-# Tracing: layers and directions (N, 3) from the origin -> exit points and directions, (N, 6)
+# Tracing: camera, layers and pixels (N, 2) -> exit points and directions, (N, 6); unit vectors are made beforehand
 
 
 def trace(layers: Layers, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -82,15 +72,17 @@ def trace(layers: Layers, directions: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return points, directions
 
 
-def numpy_tracing(layers: Layers, directions: np.ndarray) -> Contender:
+def numpy_tracing(camera: Pinhole, layers: Layers, pixels: np.ndarray) -> Contender:
     """Plain NumPy, the few lines anyone would write."""
+    directions = camera.directions(pixels)
     return Contender("NumPy", run=lambda _: trace(layers, directions), answer=np.hstack)
 
 
-def batoid_tracing(layers: Layers, directions: np.ndarray) -> Contender:
+def batoid_tracing(camera: Pinhole, layers: Layers, pixels: np.ndarray) -> Contender:
     """batoid, rays already in its own form and overwritten in place; they stay in the last plane's frame."""
     import batoid
 
+    directions = camera.directions(pixels)
     media = [batoid.ConstMedium(index) for index in layers.indices]
     frames = [batoid.CoordSys(point, frame(normal)) for point, normal, _ in layers]
     plane, zeros, velocities = batoid.Plane(), np.zeros(len(directions)), np.ascontiguousarray(directions.T)
@@ -110,22 +102,19 @@ def batoid_tracing(layers: Layers, directions: np.ndarray) -> Contender:
     return Contender("batoid, in place", run, answer, fresh)
 
 
-def batoid_tracing_arrays(layers: Layers, directions: np.ndarray) -> Contender:
+def batoid_tracing_arrays(camera: Pinhole, layers: Layers, pixels: np.ndarray) -> Contender:
     """batoid, arrays to arrays: with the making of its rays inside the clock."""
-    within = batoid_tracing(layers, directions)
+    within = batoid_tracing(camera, layers, pixels)
     return Contender("batoid, new rays", lambda _: within.run(within.fresh()), within.answer)
 
 
-def optiland_tracing(layers: Layers, directions: np.ndarray, backend: str = "numpy") -> Contender:
+def optiland_tracing(camera: Pinhole, layers: Layers, pixels: np.ndarray, backend: str = "numpy") -> Contender:
     """optiland, without the records that it can keep at each surface."""
     import optiland.backend as be
 
-    def choose():
-        be.set_backend(backend)
-        be.set_precision("float64")
-
-    choose()
-    surfaces = optiland_surfaces(layers)
+    be.set_backend(backend)
+    be.set_precision("float64")
+    surfaces, directions = optiland_surfaces(layers), camera.directions(pixels)
     columns = [be.array(column) for column in (*np.zeros((3, len(directions))), *directions.T)]
     one = be.array(np.ones(1))
 
@@ -140,14 +129,14 @@ def optiland_tracing(layers: Layers, directions: np.ndarray, backend: str = "num
     def answer(rays):
         return np.stack([be.to_numpy(getattr(rays, name)) for name in "xyzLMN"], axis=-1)
 
-    return Contender(f"optiland, {backend}", run, answer, choose)
+    return Contender(f"optiland, {backend}", run, answer)
 
 
-def optiland_tracing_torch(layers: Layers, directions: np.ndarray) -> Contender:
+def optiland_tracing_torch(camera: Pinhole, layers: Layers, pixels: np.ndarray) -> Contender:
     """optiland on its PyTorch backend (on a processor)."""
     import torch  # noqa: F401
 
-    return optiland_tracing(layers, directions, "torch")
+    return optiland_tracing(camera, layers, pixels, "torch")
 
 
 def optiland_surfaces(layers: Layers) -> list:
@@ -167,13 +156,14 @@ def optiland_surfaces(layers: Layers) -> list:
     return surfaces
 
 
-def aquakit_tracing(layers: Layers, directions: np.ndarray) -> Contender:
+def aquakit_tracing(camera: Pinhole, layers: Layers, pixels: np.ndarray) -> Contender:
     """aquakit's plane intersection and Snell's law, put together for tilted planes (PyTorch)."""
     import torch
     from aquakit import snells_law_3d
     from aquakit.interface import ray_plane_intersection
 
-    start, origins = torch.tensor(directions), torch.zeros(directions.shape, dtype=torch.float64)
+    start = torch.tensor(camera.directions(pixels))
+    origins = torch.zeros_like(start)
     planes = [(torch.tensor(normal), float(point @ normal), ratio) for point, normal, ratio in layers]
 
     def run(_):
@@ -245,9 +235,7 @@ def aquakit_projecting(camera: Pinhole, layers: Layers, points: np.ndarray) -> C
     (fx, fy), (cx, cy) = camera.focal, camera.centre
     matrix = torch.tensor([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], dtype=torch.float64)
     identity, zeros = torch.eye(3, dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
-    model = RefractiveProjectionModel(
-        matrix, identity, zeros, float(height), -identity[2], index_in, index_out
-    )
+    model = RefractiveProjectionModel(matrix, identity, zeros, float(height), -identity[2], index_in, index_out)
     targets = torch.tensor(points)
     return Contender("aquakit, torch", lambda _: model.project(targets), lambda result: result[0].numpy())
 

@@ -18,6 +18,7 @@ from .errors import CyclopeanError, SetupError
 app = cyclopts.App(
     name="cyclopean",
     version=__version__,
+    suppress_keyboard_interrupt=False,
     help="Stereo vision with a single lens: depth and points from one photograph through a prism or mirrors.",
 )
 
@@ -134,7 +135,7 @@ def parse_depths(text: str | None) -> tuple[float, float] | None:
 def main() -> None:
     """Run the command line; errors are one clear message and exit status 2, never a traceback."""
     try:
-        app()
+        app(sys.argv[1:])
     except CyclopeanError as error:
         _fail(str(error), 2)
     except KeyboardInterrupt:

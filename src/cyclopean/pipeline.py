@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .errors import ImageError, OpticError
+from .geometry import as_rgb
 from .matching import DepthMap, agreement, match
 from .rectification import inverse_depths, sweep
 from .rigs import Rig
@@ -123,7 +124,7 @@ def assemble(photograph: np.ndarray, rig: Rig, depths: tuple[float, float], maps
     shape = photograph.shape[:2]
     depth, sigma = np.full((2, *shape), np.nan, dtype=np.float32)
     confidence, view_of = np.zeros(shape, np.float32), np.full(shape, -1, np.int8)
-    clouds = []
+    clouds, picture = [], as_rgb(photograph)
     for k, (view, own) in enumerate(zip(rig, maps, strict=True)):
         mask = view.region.mask
         view_of[mask] = k
@@ -136,7 +137,7 @@ def assemble(photograph: np.ndarray, rig: Rig, depths: tuple[float, float], maps
         sigma[y, x] = spread / inverse**2
         confidence[y, x] = own.score[rows, columns]
         points, covariance = _located(rig, k, pixels, inverse, spread)
-        clouds.append((points, covariance, _colours(photograph[y, x]), pixels))
+        clouds.append((points, covariance, picture[y, x], pixels))
     points, covariance, colours, pixels = (np.concatenate(parts) for parts in zip(*clouds, strict=True))
     return Reconstruction(rig, depths, depth, sigma, confidence, view_of, points, covariance, colours, pixels)
 
@@ -172,17 +173,6 @@ def _located(rig, k, pixels, inverse, spread):
     ]
     factor = np.stack([along, *across], -1).astype(np.float32)
     return points, factor @ np.swapaxes(factor, -1, -2)
-
-
-def _colours(values):
-    """Colours (N, 3) uint8 of pixels (N,) or (N, C) of any type."""
-    if values.dtype != np.uint8:
-        top = (
-            np.iinfo(values.dtype).max if values.dtype.kind == "u" else max(float(np.nanmax(values, initial=0)), 1e-12)
-        )
-        values = np.clip(np.nan_to_num(values.astype(np.float32)) * (255 / top), 0, 255).astype(np.uint8)
-    values = values.reshape(len(values), -1)
-    return values[:, :3] if values.shape[1] >= 3 else np.repeat(values[:, :1], 3, axis=1)
 
 
 def _named(progress, name):

@@ -60,7 +60,7 @@ def write_ply(
     if colors is not None:
         columns |= zip(("red", "green", "blue"), _as_bytes(kept("colors", colors, 3)).T, strict=True)
     if sigma is not None:
-        columns["sigma"] = kept("sigma", sigma)
+        columns["sigma"] = kept("sigma", sigma).astype(np.float32)
     if covariance is not None:
         matrices = kept("covariance", covariance, 3, 3)
         columns |= {f"covariance_{name}": matrices[:, i, j] for name, (i, j) in _COVARIANCE.items()}

@@ -1,6 +1,6 @@
 """Poses, rays, polygons and maps: geometry that knows no optics."""
 
-from .arrays import as_pixels, as_points
+from .arrays import as_pixels, as_points, as_rgb
 from .polygons import clip_by_half_plane, polygon_area
 from .poses import Pose, rotation_from_vector, rotation_vector_jacobian, shortest_rotation
 from .rays import NearestPoint, Rays, nearest_point, shortest_segment
@@ -14,6 +14,7 @@ __all__ = [
     "Warps",
     "as_pixels",
     "as_points",
+    "as_rgb",
     "clip_by_half_plane",
     "launch",
     "nearest_point",

@@ -6,21 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..geometry import as_rgb
 from ..rigs import Rig
 
 VIEW_COLOURS = ("#e69f00", "#56b4e9", "#009e73", "#f0e442", "#d55e00", "#cc79a7", "#0072b2", "#999999")
 """Colours of the views: Okabe and Ito's, which colour-blind people can tell apart."""
 
 _DRAWN_POINTS = 40_000  # more do not show
-
-
-def as_picture(photograph: np.ndarray) -> np.ndarray:
-    """A photograph of any depth as (H, W, 3) uint8 for showing."""
-    picture = np.asarray(photograph)
-    if picture.dtype != np.uint8:
-        top = np.iinfo(picture.dtype).max if picture.dtype.kind == "u" else max(float(np.nanmax(picture)), 1e-12)
-        picture = np.clip(np.nan_to_num(picture.astype(np.float32)) * (255 / top), 0, 255).astype(np.uint8)
-    return np.repeat(picture[..., None], 3, axis=2) if picture.ndim == 2 else picture
 
 
 def outlined_picture(photograph: np.ndarray, rig: Rig) -> Figure:
@@ -32,7 +24,7 @@ def outlined_picture(photograph: np.ndarray, rig: Rig) -> Figure:
 
 def draw_outlines(axes: Axes, photograph: np.ndarray, rig: Rig) -> None:
     """Draw the photograph and the outline of every sub-image."""
-    axes.imshow(as_picture(photograph))
+    axes.imshow(as_rgb(photograph))
     for k, view in enumerate(rig):
         colour = VIEW_COLOURS[k % len(VIEW_COLOURS)]
         for line in view.region.outline:

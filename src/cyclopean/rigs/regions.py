@@ -58,8 +58,7 @@ class Region:
         if self.clearance is not None:
             usable = np.isfinite(self.clearance) & (np.abs(self.clearance) < 1e6)
             height = np.where(usable, self.clearance, height)
-        rim = np.abs(height).max()
-        padded = np.pad(height, 1, constant_values=-rim)
+        padded = np.pad(height, 1, constant_values=-1e-9)  # hardly outside, so that the contour runs out there
         rows, columns = padded.shape
         # the padding puts the contour at the edge of the border pixels
         x = np.concatenate([[-0.5 - 1e-6], np.arange(columns - 2.0), [columns - 2.5 + 1e-6]])
