@@ -11,7 +11,7 @@ threads waiting for work; the processes take turns over several rounds, and medi
 answer is checked first. Figures are stored in results/optics.json, but only when every package is here, best
 in an environment of their own:
 
-    pip install batoid optiland torch optv && pip install --no-deps aquakit
+    pip install -e ".[peers]" torch && pip install --no-deps aquakit
 """
 
 import os

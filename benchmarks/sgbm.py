@@ -58,9 +58,7 @@ class Pair:
     count: int  # disparities to try
 
 
-def rectify(
-    views: Sequence[View], cameras: Sequence[VirtualCamera], depths: tuple[float, float], focal: float
-) -> Pair:
+def rectify(views: Sequence[View], cameras: Sequence[VirtualCamera], depths: tuple[float, float], focal: float) -> Pair:
     """Rectify two views by a common rotation.
 
     Parameters

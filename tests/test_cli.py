@@ -6,10 +6,10 @@ import sys
 import numpy as np
 import pytest
 import trimesh
+from scenes import photograph_plane, small_setup
 
 from cyclopean import cli, read_photograph, write_setup
 from cyclopean.files import read_depths, write_image
-from scenes import photograph_plane, small_setup
 
 
 @pytest.fixture(scope="module")

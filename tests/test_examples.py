@@ -12,7 +12,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def output_of(*command):
     """What a Python command prints; fails with its errors."""
-    done = subprocess.run([sys.executable, *map(str, command)], capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(
+        [sys.executable, *map(str, command)], capture_output=True, text=True, timeout=300, check=False
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -9,7 +9,7 @@ from cyclopean import errors
 from cyclopean.matching import Warps, aggregation, agreement, cost, match, refinement, views
 
 SIZE, DEPTHS, MARGIN = (150, 110), 25, 30  # box, hypotheses, free columns around each picture
-STEP = 0.5                                 # px that one hypothesis moves a picture
+STEP = 0.5  # px that one hypothesis moves a picture
 INVERSE = np.linspace(1 / 1500, 1 / 650, DEPTHS)
 
 
@@ -232,11 +232,13 @@ def test_a_depth_map_is_looked_up_in_the_photograph(tilted):
 def test_agreement_counts_witnesses():
     nan = np.nan
     own = np.array([[1.0, 1.0, 1.0, 1.0, 1.0, nan]])
-    seen = np.array([
-        [[1.05, 0.5, 2.0, nan, 1.0, 1.0]],
-        [[nan, 1.0, nan, nan, 0.5, 1.0]],
-        [[0.5, 0.5, 1.0, nan, 2.0, 1.0]],
-    ])  # one each, two object, hidden in one, alone, one each, nothing to check
+    seen = np.array(
+        [
+            [[1.05, 0.5, 2.0, nan, 1.0, 1.0]],
+            [[nan, 1.0, nan, nan, 0.5, 1.0]],
+            [[0.5, 0.5, 1.0, nan, 2.0, 1.0]],
+        ]
+    )  # one each, two object, hidden in one, alone, one each, nothing to check
     np.testing.assert_array_equal(agreement(own, seen, 0.1), [[True, False, True, False, True, False]])
     with pytest.raises(errors.ShapeError, match="seen must have shape"):
         agreement(own, seen[0], 0.1)
@@ -312,8 +314,10 @@ def test_dissimilarity_is_a_weighted_zncc():
         if w[2, 2] == 0 or w.sum() < tent.sum() / 2:
             assert found[y, x] == cost.UNSEEN
             continue
-        r, o = (a[window] - np.average(a[window], axis=(1, 2), weights=np.broadcast_to(w, (2, 5, 5)))[:, None, None]
-                for a in (reference, warped))
+        r, o = (
+            a[window] - np.average(a[window], axis=(1, 2), weights=np.broadcast_to(w, (2, 5, 5)))[:, None, None]
+            for a in (reference, warped)
+        )
         power = [np.sum(w * (a**2 + floor)) for a in (r, o)]
         # 2e-3: sums of float32 squares up to 5e6 lose what their difference, some 1e5, is made of
         assert found[y, x] == pytest.approx(1 - np.sum(w * r * o) / np.sqrt(np.prod(power)), abs=2e-3)

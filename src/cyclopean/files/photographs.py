@@ -69,9 +69,9 @@ def _decode(data):
     """Pixels as OpenCV orders them, or None."""
     import cv2
 
-    logging = cv2.utils.logging
+    logging = getattr(cv2.utils, "logging", cv2)  # since OpenCV 5; before, the functions stood in cv2 itself
     level = logging.getLogLevel()
-    logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # what OpenCV would print, our exception says
+    logging.setLogLevel(0)  # silent: what OpenCV would print, our exception says
     try:
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
@@ -167,6 +167,8 @@ def write_image(path: PathLike, rgb: ArrayLike) -> None:
         raise OutputError(f"{path}: the name must end in one of {', '.join(_HOLDS)}")
     if rgb.dtype.name not in _HOLDS[ending]:
         raise OutputError(f"{path}: {ending} files hold {' or '.join(_HOLDS[ending])}, got {rgb.dtype}")
-    _, data = cv2.imencode(ending, np.ascontiguousarray(rgb[..., ::-1] if rgb.ndim == 3 else rgb))
+    bgr = np.ascontiguousarray(rgb[..., ::-1] if rgb.ndim == 3 else rgb)
+    plain = [cv2.IMWRITE_TIFF_COMPRESSION, 1] if rgb.dtype == np.float32 else []  # OpenCV 4's own choice is lossy
+    _, data = cv2.imencode(ending, bgr, plain)
     with replacing(path) as file:
         file.write(data.tobytes())

@@ -28,9 +28,7 @@ def agreement(inverse_depth, seen, tolerance):
     """
     inverse_depth, seen = np.asarray(inverse_depth), np.asarray(seen)
     if seen.shape[1:] != inverse_depth.shape:
-        raise ShapeError(
-            f"seen must have shape (V-1, h, w) with (h, w) = {inverse_depth.shape}, got {seen.shape}"
-        )
+        raise ShapeError(f"seen must have shape (V-1, h, w) with (h, w) = {inverse_depth.shape}, got {seen.shape}")
     nearer = inverse_depth - seen  # of the point, before what the other view sees
     agree = np.sum(np.abs(nearer) <= tolerance, axis=0)  # comparisons with NaN are false: it says nothing
     object_ = np.sum(nearer > tolerance, axis=0)

@@ -5,13 +5,13 @@ from numba import njit, prange
 
 from .views import FAST, look
 
-N = 128                 # neighbouring pixels whose windows are summed together
-REACH = 8               # margin beside them, and so the largest half width of a window
+N = 128  # neighbouring pixels whose windows are summed together
+REACH = 8  # margin beside them, and so the largest half width of a window
 UNSEEN = np.float32(4)  # costs of a view lie in 0..2; this marks a pixel that the view does not see
 
-_RADIUS = 2             # half width of the windows that are compared, px
-_NOISE = 1.0            # variance of a grey level below which windows count as blank
-_CEILING = 0.7          # 1 - ZNCC of views that show something else
+_RADIUS = 2  # half width of the windows that are compared, px
+_NOISE = 1.0  # variance of a grey level below which windows count as blank
+_CEILING = 0.7  # 1 - ZNCC of views that show something else
 
 _M = N + 2 * REACH
 

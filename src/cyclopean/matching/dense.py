@@ -12,10 +12,10 @@ from .aggregation import aggregate, winner
 from .cost import cost_volume
 from .refinement import ITERATIONS, prepare, refine
 
-_OVERLAP = 48            # rows beyond a strip on each side that are worked on too, so that no seam shows
-_LEAST_ROWS = 16         # of a strip without its overlaps
+_OVERLAP = 48  # rows beyond a strip on each side that are worked on too, so that no seam shows
+_LEAST_ROWS = 16  # of a strip without its overlaps
 _SMALL, _LARGE = 8, 120  # penalties for a change of depth between neighbours: by one step, by more
-_EDGE, _LEAST = 12, 30   # grey levels a px of change in the picture that halve _LARGE; its least
+_EDGE, _LEAST = 12, 30  # grey levels a px of change in the picture that halve _LARGE; its least
 _ALONE = threading.Lock()  # one of numba's threading layers aborts when two threads start kernels at once
 
 
@@ -23,10 +23,10 @@ _ALONE = threading.Lock()  # one of numba's threading layers aborts when two thr
 class DepthMap:
     """Inverse depth at every pixel of a reference view's box."""
 
-    origin: tuple[int, int]    # (x, y) of the box's top-left pixel in the photograph
+    origin: tuple[int, int]  # (x, y) of the box's top-left pixel in the photograph
     inverse_depth: np.ndarray  # (h, w) float32, 1/mm; NaN unknown
-    sigma: np.ndarray          # (h, w) float32, standard deviation of inverse_depth, 1/mm; NaN unknown
-    score: np.ndarray          # (h, w) float32, correlation of the views, 0 to 1; 0 unknown
+    sigma: np.ndarray  # (h, w) float32, standard deviation of inverse_depth, 1/mm; NaN unknown
+    score: np.ndarray  # (h, w) float32, correlation of the views, 0 to 1; 0 unknown
 
     def at(self, pixels):
         """Inverse depth of the pixels nearest to some places of the photograph.
@@ -116,9 +116,9 @@ def grey_levels(image):
 
 def _strips(warps, levels, memory_mib):
     """Strips of the box that fit into memory: (rows to keep, rows to work on)."""
-    (width, height), views, channels = warps.size, *warps.masks.shape[:1], levels.shape[-1]
+    (width, height), views, channels = warps.size, len(warps.masks), levels.shape[-1]
     volume = 3 * len(warps.inverse_depths) + 4 * (views + 2 * channels)  # bytes a pixel, while aggregating
-    windows = 4 * (2 * views * (channels + 1) + channels + 12)           # and while refining
+    windows = 4 * (2 * views * (channels + 1) + channels + 12)  # and while refining
     left = memory_mib * 2**20 - 3 * levels.nbytes
     rows = int(left / (width * max(volume, windows))) - 2 * _OVERLAP
     rows = height if rows + 2 * _OVERLAP >= height else max(rows, _LEAST_ROWS)

@@ -14,22 +14,22 @@ from scipy.ndimage import gaussian_filter, spline_filter
 
 from .views import FAST, UNKNOWN, sample
 
-N = 128             # neighbouring pixels whose sums are built together
-_PAIRS = 10         # numbers kept per view: 6 of the 3x3 matrix, 3 of the right side, 1 energy
+N = 128  # neighbouring pixels whose sums are built together
+_PAIRS = 10  # numbers kept per view: 6 of the 3x3 matrix, 3 of the right side, 1 energy
 
-_BLUR = 0.6         # px: without it, noise passes for texture and keeps the fit from moving
-_ALIKE = 1.5        # variance of the height, because the blur makes the noise of neighbours alike
-_RADIUS = 5         # half width of the window, px
-_WIDTH = 2.5        # standard deviation of the window's Gaussian weights, px
-_REACH = 1.0        # neighbours count up to this difference of inverse depth, in steps
+_BLUR = 0.6  # px: without it, noise passes for texture and keeps the fit from moving
+_ALIKE = 1.5  # variance of the height, because the blur makes the noise of neighbours alike
+_RADIUS = 5  # half width of the window, px
+_WIDTH = 2.5  # standard deviation of the window's Gaussian weights, px
+_REACH = 1.0  # neighbours count up to this difference of inverse depth, in steps
 _GAIN_WEIGHT = 100.0  # grey levels squared: noise of 1 level, gains within 10 %
 _STIFFNESS = 100.0  # grey levels squared: noise of 1 level, slopes of about 0.1 steps per px
-_NOISE = 0.2        # least variance of a grey level: 2 / 12 of the rounding, and some
-_MARGIN = 0.15      # a view whose likeness is this far below the best view's does not see the point
+_NOISE = 0.2  # least variance of a grey level: 2 / 12 of the rounding, and some
+_MARGIN = 0.15  # a view whose likeness is this far below the best view's does not see the point
 ITERATIONS = 3
-_MAX_CHANGE = 0.3   # steps in the last iteration: more has not converged
-_MAX_SIGMA = 0.5    # steps, a quarter of a pixel: more is a window without texture
-_MIN_SCORE = 0.6    # less is something else
+_MAX_CHANGE = 0.3  # steps in the last iteration: more has not converged
+_MAX_SIGMA = 0.5  # steps, a quarter of a pixel: more is a window without texture
+_MIN_SCORE = 0.6  # less is something else
 
 
 @njit(cache=True, fastmath=FAST)
@@ -272,12 +272,33 @@ def refine(smooth, spline, warps, rows, guess, tick):
     window, inner = _window(), (slice(None), slice(_RADIUS, -_RADIUS), slice(_RADIUS, _RADIUS + width))
     for _ in range(ITERATIONS):
         for v in range(views):
-            sample(spline, warps.masks[v + 1], warps.nodes[v], warps.spacing, rows.start, guess, _RADIUS,
-                   values[v], slopes[v], seen[v])
+            sample(
+                spline,
+                warps.masks[v + 1],
+                warps.nodes[v],
+                warps.spacing,
+                rows.start,
+                guess,
+                _RADIUS,
+                values[v],
+                slopes[v],
+                seen[v],
+            )
         seen[inner] *= likeness >= likeness.max(axis=0) - _MARGIN
         depth = np.pad(np.nan_to_num(guess, nan=UNKNOWN), edges, constant_values=UNKNOWN)
-        found = improve(reference, values, slopes, seen, depth, window, np.float32(1 / _REACH**2),
-                        _GAIN_WEIGHT, _STIFFNESS, _NOISE, _MARGIN)
+        found = improve(
+            reference,
+            values,
+            slopes,
+            seen,
+            depth,
+            window,
+            np.float32(1 / _REACH**2),
+            _GAIN_WEIGHT,
+            _STIFFNESS,
+            _NOISE,
+            _MARGIN,
+        )
         change, sigma, score, likeness = (a[..., :width] for a in found)
         sigma = np.sqrt(np.float32(_ALIKE)) * sigma
         guess = guess + np.clip(np.nan_to_num(change), -1, 1)

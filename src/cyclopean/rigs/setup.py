@@ -20,6 +20,8 @@ D_LINE_NM = 587.5618  # helium d, the line that catalogues state glass at
 class Optic(Protocol):
     """What a setup asks of the thing in front of its lens."""
 
+    kind: str  # what it is, in a word
+
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of its parameters."""
