@@ -29,7 +29,7 @@ class Placement:
         """A placement from the numbers that users give."""
         for name, numbers, count in (("tilt_deg", tilt_deg, 3), ("shift", shift, 2)):
             if np.shape(numbers) != (count,) or not np.isfinite(numbers).all():
-                raise OpticError(f"{name} must be {count} numbers, got {numbers}")
+                raise OpticError(f"{name} must be {count} numbers, got {numbers!r}")
         translation = np.array([*np.asarray(shift, dtype=float), distance])
         return cls(np.deg2rad(np.asarray(tilt_deg, dtype=float)), translation, np.eye(3) if turn is None else turn)
 

@@ -182,7 +182,7 @@ def _samples(view, depths, samples=12):
 
 def _qualified(view, camera, pose, method, depths):
     virtual = VirtualCamera(camera, pose, view.mirrored, method, tuple(depths), np.nan, np.nan)
-    points, pixels = _samples(view, depths)
+    points, pixels = _samples(view, depths, 96)  # finely: it is farthest off in the corners
     miss = np.linalg.norm(virtual.project(points) - pixels, axis=-1)
     miss = miss[np.isfinite(miss)] if np.isfinite(miss).any() else np.array([np.nan])
     rms, largest = float(np.sqrt(np.mean(miss**2))), float(miss.max())
