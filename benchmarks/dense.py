@@ -26,8 +26,8 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import permutations
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -148,7 +148,7 @@ def measured(name: str, scales: Sequence[int], tick: Callable[[str, int], None])
     figures = ours(truth, rig, counted)
     tick(name, 1)
     for scale in scales:
-        figures |= peers(truth, rig, seen, scale, lambda: tick(f"{name}, OpenCV {scale}x", 1))
+        figures |= peers(truth, rig, seen, scale, partial(tick, f"{name}, OpenCV {scale}x", 1))
         figures[f"sgbm{scale}x_exact_median_over_ours_times"] = (
             figures[f"sgbm{scale}x_exact_median_percent"] / figures["median_percent"]
         )
@@ -165,25 +165,20 @@ def warm_up(name: str) -> None:
 
 def report(figures: dict[str, dict[str, float]], scales: Sequence[int]) -> None:
     """Print ours, ours beside the peer, and the peer by pairs."""
-    own = ["complete", "bad1", "bad2", "bad5", "median", "rms98"]
-    columns = ["", "complete %", "bad-1 %", "bad-2 %", "bad-5 %", "median %", "rms %", "error/sigma", "s"]
-    keys = [*(f"{key}_percent" for key in own), "error_over_sigma_times", "seconds"]
-    table("cyclopean", columns, ([name, *(row[key] for key in keys)] for name, row in figures.items()))
-    columns, keys = ["merged, exact rays", *["complete %", "bad-1 %", "median %", "s"]], []
-    three = ["complete_percent", "bad1_percent", "median_percent"]
-    keys = [*three, "seconds"]
+    columns = ["complete %", "bad-1 %", "bad-2 %", "bad-5 %", "median %", "rms %", "error/sigma", "s"]
+    keys = [f"{key}_percent" for key in ("complete", "bad1", "bad2", "bad5", "median", "rms98")]
+    _table("cyclopean", columns, [*keys, "error_over_sigma_times", "seconds"], figures)
     for scale in scales:
-        columns += [f"{scale}x compl. %", "bad-1 %", "median %", "s", "/ ours"]
-        keys += [f"sgbm{scale}x_exact_{key}" for key in three]
-        keys += [f"sgbm{scale}x_seconds", f"sgbm{scale}x_exact_median_over_ours_times"]
-    table("cyclopean, and OpenCV merged over views", columns, ([n, *(r[k] for k in keys)] for n, r in figures.items()))
-    columns, keys = ["bad-1 / median / rms %"], []
+        columns = ["complete %", "bad-1 %", "median %", "s"]
+        keys = ["complete_percent", "bad1_percent", "median_percent", "seconds"]
+        peer = [f"sgbm{scale}x_{'' if key == 'seconds' else 'exact_'}{key}" for key in keys]
+        columns = [*columns, "OpenCV: complete", *columns[1:], "median / ours"]
+        keys = [*keys, *peer, f"sgbm{scale}x_exact_median_over_ours_times"]
+        _table(f"cyclopean beside OpenCV at {scale}x: merged, exact rays", columns, keys, figures)
     for scale in scales:
-        for way in WAYS:
-            columns.append(f"{scale}x {way}")
-            keys.append(f"sgbm{scale}x_{way}_pairs_")
-    rows = ([n, *(_three(r, key) for key in keys)] for n, r in figures.items())
-    table("OpenCV, ordered pairs pooled", columns, rows)
+        columns = [f"{way}: {column}" for way in WAYS for column in ("bad-1 %", "median %", "rms %")]
+        keys = [f"sgbm{scale}x_{way}_pairs_{key}_percent" for way in WAYS for key in ("bad1", "median", "rms98")]
+        _table(f"OpenCV at {scale}x, pairs", columns, keys, figures)
 
 
 def main() -> None:
@@ -198,7 +193,7 @@ def main() -> None:
     scales = (1, 2) if chosen.full else (1,)
     figures = {}
     with Progress() as progress:
-        views = {name: len(scene(name).setup.optic.paths(587.6)) for name in chosen.scenes or names}
+        views = {name: scene(name).setup.optic.facets for name in chosen.scenes or names}
         total = sum(1 + len(scales) * n * (n - 1) for n in views.values())
         task = progress.add_task("compiling", total=total)
         warm_up(next(iter(views)))
@@ -218,8 +213,8 @@ def _median(depths):
     return np.where(some, np.nanmedian(np.where(some[:, None], depths, 0.0), axis=-1), np.nan)
 
 
-def _three(row, key):
-    return " / ".join(f"{row[f'{key}{name}_percent']:.2f}" for name in ("bad1", "median", "rms98"))
+def _table(title, columns, keys, figures):
+    table(title, ["", *columns], [[name, *(row[key] for key in keys)] for name, row in figures.items()])
 
 
 if __name__ == "__main__":

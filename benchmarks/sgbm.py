@@ -120,12 +120,11 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two rectified pictures; a disparity of theirs is `offset` more than what the matcher sees."""
+    """Two rectified pictures, the second shifted so that the least disparity is about zero."""
 
     first: Picture
     second: Picture
     maps: tuple[np.ndarray, np.ndarray]  # (h, w, 2) float32 each, for cv2.remap
-    offset: int  # px
     count: int  # disparities to try
 
 
@@ -159,7 +158,7 @@ def rectify(views: Sequence[View], cameras: Sequence[Pinhole], depths: tuple[flo
     first = Picture(first.view, first.camera, rotation, focal, corner)
     second = Picture(second.view, second.camera, rotation, focal, corner - [offset, 0])
     maps = (first.maps((width, height)), second.maps((width, height)))
-    return Pair(first, second, maps, offset, count)
+    return Pair(first, second, maps, count)
 
 
 def match(photograph: np.ndarray, pair: Pair, block: int = 5) -> np.ndarray:

@@ -16,14 +16,14 @@ _WALL = Mirror((90, 0, 95), (-1, 0.05, 1.2), (120, 120), tilt_deg=(-1.0, 0.5), a
 
 OPTICS = {
     "prism": Prism(
-        3, 10, 1.5168, 60, 12, 30, "scene", 20, tilt_deg=(3, -2, 1), shift=(0.7, -0.4), facet_deviation_deg=_DEVIATIONS
+        3, 10, 1.5168, 60, 12, 22, "scene", 20, tilt_deg=(3, -2, 1), shift=(0.7, -0.4), facet_deviation_deg=_DEVIATIONS
     ),
     "prism, facets to camera": Prism(
-        3, 12, 1.62, 50, 14, 30, "camera", -15, tilt_deg=(-2, 3, 2), shift=(-0.5, 0.6), facet_deviation_deg=_DEVIATIONS
+        3, 12, 1.62, 50, 14, 19, "camera", -15, tilt_deg=(-2, 3, 2), shift=(-0.5, 0.6), facet_deviation_deg=_DEVIATIONS
     ),
     "biprism in water": Prism(2, 15, "N-SF11", 40, surroundings="water"),
     "two mirrors": Mirrors((_ROOF, _WALL), ((0, 1), (0,)), direct=True),
-    "plate": Plate("N-BK7", 40, 15, radius=60, tilt_deg=(20, -15, 5), shift=(1, 2)),
+    "plate": Plate("N-BK7", 40, 15, radius=17, tilt_deg=(20, -15, 5), shift=(1, 2)),
     "port": Plate(1.5, 30, 8, tilt_deg=(4, 3, 0), beyond="water"),
 }
 SETUPS = {

@@ -9,7 +9,7 @@ from .errors import SetupError
 from .geometry import Rays, Warps
 from .rigs import Rig
 
-_PROBES = 8  # a coarse grid of pixels a side, to choose steps and spacing by
+_PROBES = 24  # a grid of pixels a side, and of depths, to choose steps by
 
 
 def inverse_depths(rig: Rig, depths: tuple[float, float], step: float = 0.5) -> np.ndarray:
@@ -27,13 +27,13 @@ def inverse_depths(rig: Rig, depths: tuple[float, float], step: float = 0.5) -> 
     Returns
     -------
     (D,) array
-        1/mm, ascending; its ends lie at the depths or just outside them.
+        1/mm, ascending; its ends lie at the two depths.
     """
     near, far = depths
     if not 0 < near < far < np.inf:
         raise SetupError(f"a depth range is (near, far) with 0 < near < far in mm, got {depths}")
     low, high = 1 / far, 1 / near
-    probe = np.linspace(low, high, 17)
+    probe = np.linspace(low, high, _PROBES)
     fastest = 0.0
     for reference in range(len(rig)):
         x, y, width, height = rig[reference].region.box
@@ -44,12 +44,14 @@ def inverse_depths(rig: Rig, depths: tuple[float, float], step: float = 0.5) -> 
         for other in range(len(rig)):
             if other != reference:
                 pixels = rig[other].unbounded().project(at_inverse_depths(rays, probe))
-                move = np.linalg.norm(np.diff(pixels, axis=0), axis=-1)
-                fastest = max(fastest, float(np.nanmax(move, initial=0.0)) / (probe[1] - probe[0]))
+                inside = rig[other].camera.contains(pixels)  # what the other view cannot see may move at any speed
+                move = np.linalg.norm(np.diff(pixels, axis=0), axis=-1)[inside[1:] & inside[:-1]]
+                fastest = max(fastest, float(move.max(initial=0.0)) / (probe[1] - probe[0]))
     if not fastest > 0:
         raise SetupError(
             f"nothing moves between the depths {near:g} and {far:g} mm: the rig needs two views that overlap there"
         )
+    fastest *= 1.02  # what lies between the probes may be a little faster
     return np.linspace(low, high, int(np.ceil((high - low) * fastest / step)) + 1)
 
 

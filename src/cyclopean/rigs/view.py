@@ -75,12 +75,14 @@ class View:
         from . import kernels
 
         pixels = as_pixels(pixels)
-        out = np.empty((2, *pixels.shape[:-1], 3))
+        origins, directions = np.empty((*pixels.shape[:-1], 3)), np.empty((*pixels.shape[:-1], 3))
         flat = np.ascontiguousarray(pixels).reshape(-1, 2)
-        launch(kernels.trace_pixels, len(flat), flat, *self._optics, out[0].reshape(-1, 3), out[1].reshape(-1, 3))
+        out = origins.reshape(-1, 3), directions.reshape(-1, 3)
+        launch(kernels.trace_pixels, len(flat), flat, *self._optics, *out)
         if self.path.blockers:
-            out[:, self._blocked(out[1])] = np.nan
-        return Rays(out[0], out[1])
+            blocked = self._blocked(directions)
+            origins[blocked] = directions[blocked] = np.nan
+        return Rays(origins, directions)
 
     def project(self, points: ArrayLike) -> np.ndarray:
         """Pixels at which points are seen.

@@ -1,0 +1,99 @@
+"""Write the tables of README.md from the stored figures, so that none is typed by hand.
+
+    python benchmarks/readme_tables.py [--check] [FILE]
+
+A line `<!-- table: NAME -->` and the next line `<!-- end -->` stand around each table; what is between them is
+replaced by the table NAME (`accuracy`, `dense` or `optics`) of results/NAME.json. --check writes nothing, and
+fails when the file is not what would be written.
+"""
+
+import argparse
+import json
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+BLOCK = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def accuracy(figures: dict[str, float]) -> str:
+    """Our optics beside the renderer's."""
+    keys = ("corners", "missed", "rms_px", "largest_px", "facets_agree_percent")
+    rigs = [key.removesuffix("_corners") for key in figures if key.endswith("_corners")]
+    rows = [[rig, *(figures[f"{rig}_{key}"] for key in keys)] for rig in rigs]
+    return markdown(["rig", "corners", "missed", "rms px", "largest px", "pixels in the same facet %"], rows)
+
+
+def dense(figures: dict[str, float]) -> str:
+    """Our depth maps beside OpenCV's."""
+    scenes = [key.removesuffix("_sgbm2x_seconds") for key in figures if key.endswith("_sgbm2x_seconds")]
+    rows = []
+    for scene in scenes:
+        keys = ["complete_percent", "bad1_percent", "median_percent", "seconds"]
+        keys += [f"sgbm2x_{'' if key == 'seconds' else 'exact_'}{key}" for key in keys]
+        rows.append([scene, *(figures[f"{scene}_{key}"] for key in [*keys, "sgbm2x_exact_median_over_ours_times"])])
+    one = ["complete %", "bad-1 %", "median %", "s"]
+    return markdown(["scene", *one, *(f"OpenCV {column}" for column in one), "its median / ours"], rows)
+
+
+def optics(figures: dict[str, float]) -> str:
+    """Rates of tracing rays and projecting points, each beside how many times faster ours is."""
+    rows = []
+    for job, end in (("trace", "rays"), ("project", "points")):
+        rates = {
+            key.removeprefix(f"{job}_").removesuffix("_million_per_s"): value
+            for key, value in figures.items()
+            if key.startswith(f"{job}_") and key.endswith("_million_per_s")
+        }
+        for name in sorted(rates, key=rates.get, reverse=True):
+            faster = figures.get(f"{job}_{name}_ours_over_it_times")
+            if faster or name.startswith("cyclopean"):
+                rows.append([f"{job} {end}", name.replace("_", " "), rates[name], faster])
+    return markdown(["", "", "million per s", "cyclopean is faster, times"], rows)
+
+
+TABLES = {"accuracy": accuracy, "dense": dense, "optics": optics}
+
+
+def markdown(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table: text to the left, numbers to the right with two or three figures."""
+    rows = [[shown(cell) for cell in row] for row in rows]
+    text = [all(not re.match(r"\d", row[k]) for row in rows) for k in range(len(columns))]
+    lines = [columns, [":--" if left else "--:" for left in text], *rows]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def shown(cell: object) -> str:
+    """Text of one cell."""
+    if not isinstance(cell, float):
+        return str(cell or "")
+    return f"{cell:.0f}" if cell >= 100 else f"{cell:.3g}" if cell >= 1 else f"{cell:.2g}"
+
+
+def filled(text: str) -> str:
+    """A page with its tables written anew."""
+
+    def block(match: re.Match) -> str:
+        stored = Path(__file__).parent / "results" / f"{match[2]}.json"
+        return match[1] + TABLES[match[2]](json.loads(stored.read_text())) + match[3]
+
+    return BLOCK.sub(block, text)
+
+
+def main() -> None:
+    """Write the tables, or say whether they are what they should be."""
+    parser = argparse.ArgumentParser(description="Write the tables of README.md from the stored figures.")
+    parser.add_argument("file", nargs="?", type=Path, default=ROOT / "README.md", help="default: README.md")
+    parser.add_argument("--check", action="store_true", help="write nothing; fail when a table is out of date")
+    chosen = parser.parse_args()
+    old = chosen.file.read_text()
+    new = filled(old)
+    if chosen.check and new != old:
+        raise SystemExit(f"{chosen.file.name} does not show the stored figures; run python benchmarks/readme_tables.py")
+    if not chosen.check:
+        chosen.file.write_text(new)
+
+
+if __name__ == "__main__":
+    main()
