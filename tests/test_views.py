@@ -1,32 +1,15 @@
-"""Rigs of views: what a renderer saw, round trips, regions, and why there is no ray or no pixel."""
-
-import json
-from dataclasses import replace
+"""Rigs of views: round trips, regions, blend bands, and why there is no ray or no pixel."""
 
 import numpy as np
 import pytest
 from scipy.optimize import root
 from setups import DISTORTION, OPTICS, SETUPS, STRAIGHT, random_pixels, trace_slowly
 
-from benchmarks.data import renderer_setup
 from cyclopean import Camera, Mirror, Mirrors, Plate, Prism, Reason, Rig, Setup
 from cyclopean.errors import OpticError, SetupError, ShapeError
 from cyclopean.geometry import Rays, clip_by_half_plane, polygon_area
-from cyclopean.rigs import Region
+from cyclopean.rigs import Region, View
 
-RENDERED = {
-    "n2": ("calib_n2",),
-    "n3": ("calib_n3", "calib_n3_ghosts"),
-    "n4": ("calib_n4",),
-    "n5": ("calib_n5",),
-    "n3_pose": ("calib_n3_pose",),
-    "n2_flip": ("calib_n2_flip",),
-    "t2_b40": ("calib_t2_b40", "targets_t2_b40"),
-    "t3_b40": ("calib_t3_b40", "targets_t3_b40"),
-    "t4_b45": ("calib_t4_b45", "targets_t4_b45"),
-}
-SCENES = [f"n{n}_{kind}" for n in (2, 3, 4) for kind in ("bumpy", "round", "steps")]
-SCENES += ["n3_chroma_round", "n3_pose_steps", "n5_bumpy"]
 KINDS = list(SETUPS)
 
 
@@ -40,64 +23,6 @@ def miss(rays, points):
     arm = points - rays.origins
     along = np.sum(arm * rays.directions, -1)
     return np.linalg.norm(arm - along[..., None] * rays.directions, axis=-1), along
-
-
-# What the renderer saw
-
-
-@pytest.mark.parametrize("name", RENDERED)
-def test_board_corners_are_seen_where_the_renderer_sees_them(name, mitsuba):
-    rig = renderer_setup(name).rig()
-    for photographs in RENDERED[name]:
-        with np.load(mitsuba / photographs / "corners.npz") as corners:
-            facet, points, pixels = corners["facet"], corners["xyz_cam"], corners["uv"]
-        ours = rig.project(points)[np.arange(len(facet)), facet]
-        # 1e-11 px: both are exact but for some roundings of 1000 mm and 1000 px; NaN would fail too
-        np.testing.assert_allclose(ours, pixels, rtol=0, atol=1e-11)
-
-
-def test_board_corners_without_a_prism_are_seen_where_the_renderer_sees_them(mitsuba):
-    with np.load(mitsuba / "camera_only" / "corners.npz") as corners:
-        ours = renderer_setup("n2").camera.project(corners["xyz_cam"])
-        np.testing.assert_allclose(ours, corners["uv"], rtol=0, atol=1e-11)  # roundings
-
-
-@pytest.mark.parametrize(("channel", "index"), [("R", 1.51432), ("G", 1.51680), ("B", 1.52238)])
-def test_colours_are_bent_as_by_the_renderer(channel, index, mitsuba):
-    setup = renderer_setup("n3")
-    rig = replace(setup, optic=replace(setup.optic, glass=index)).rig()
-    with np.load(mitsuba / "calib_n3_chroma" / "corners.npz") as corners:
-        facet, points, pixels = corners["facet"], corners["xyz_cam"], corners[f"uv_{channel}"]
-    ours = rig.project(points)[np.arange(len(facet)), facet]
-    seen = np.isfinite(pixels).all(-1)
-    np.testing.assert_allclose(ours[seen], pixels[seen], rtol=0, atol=1e-11)  # roundings
-
-
-@pytest.mark.parametrize("name", RENDERED)
-def test_pixels_look_through_the_facets_of_the_renderer(name, mitsuba):
-    rig = renderer_setup(name).rig()
-    with np.load(mitsuba / "rigs" / f"{name}_facets.npz") as truth:
-        np.testing.assert_array_equal(rig.facets, truth["facet"])
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_scene_points_are_seen_where_the_renderer_sees_them(name, mitsuba):
-    facts = json.loads((mitsuba / "scenes" / f"{name}.json").read_text())
-    rig = renderer_setup(facts["rig"]).rig()
-    with np.load(mitsuba / "scenes" / f"{name}.npz") as scene:
-        points, pixels, step, xyz = (scene[key].astype(float) for key in ("match_xyz", "match_uv", "step", "xyz"))
-        # a bumpy scene is a mesh, and a ray along a seam may slip through it: some pixels in 1e6
-        assert (rig.facets == scene["facet"]).mean() > 0.99999
-    ours = rig.project(points)
-    seen = np.isfinite(pixels[..., 0])
-    # 1e-4 px: the file rounds pixels by up to 3e-5 px, points of 1000 mm by 3e-5 mm, both as float32
-    np.testing.assert_allclose(ours[seen], pixels[seen], rtol=0, atol=1e-4)
-    # what we see and the renderer does not is hidden: something stands nearer, there or at the pixels around
-    point, view = np.nonzero(np.isfinite(ours[..., 0]) & ~seen)
-    column, row = np.rint(ours[point, view] / step).astype(int).T
-    around = np.pad(xyz[..., 2], 2, mode="edge")
-    nearest = np.fmin.reduce([around[row + i, column + j] for i in (1, 2, 3) for j in (1, 2, 3)])
-    assert (nearest < points[point, 2] - 5).all()  # mm: far above any rounding, below the depth of every object
 
 
 # Round trips
@@ -354,8 +279,8 @@ def test_a_rig_is_a_sequence_of_views():
 
 
 def test_working_depths_are_where_two_views_see_well():
-    rig = renderer_rig = Setup(Camera((1280, 960), 2400), Prism(2, 10, 1.5168, 60)).rig()
-    near, far = renderer_rig.working_depths
+    rig = Setup(Camera((1280, 960), 2400), Prism(2, 10, 1.5168, 60)).rig()
+    near, far = rig.working_depths
     baseline = 2 * (60 + 10) * np.tan(np.arcsin(1.5168 * np.sin(np.radians(10))) - np.radians(10))
     # a pixel of disparity is worth Z^2 / (f baseline); 6 %: the ladder's step of 2.4 %, and where the centres stand
     assert far == pytest.approx(0.1 * 2400 * baseline, rel=0.06)
@@ -434,3 +359,24 @@ def test_a_small_mirror_makes_a_small_view(side):
     assert len(pixels) == pytest.approx(width * height, abs=width + height)
     back = view.project(view.rays(pixels).at(np.full(len(pixels), 300.0)))
     np.testing.assert_allclose(back, pixels, rtol=0, atol=1e-10)  # roundings
+
+
+def test_mirrors_hide_what_is_behind_them():
+    camera = Camera((640, 480), 700)
+    wedge = Mirrors((Mirror((0, 0, 300), (1, 0, -1)), Mirror((0, 0, 300), (-1, 0, -1))))
+    periscope = Mirrors(
+        (Mirror((0, 0, 100), (1, 0, -1), (60, 80)), Mirror((120, 0, 100), (-1, 0, 1.1), (120, 160))),
+        sequences=((0,), (0, 1)),
+        direct=True,
+    )
+    half = Setup(camera, wedge).rig(margin=0)
+    np.testing.assert_array_equal(half.facets[:, :320], 0)  # endless mirrors that meet: the nearer one is seen
+    np.testing.assert_array_equal(half.facets[:, 320:], 1)
+    rig = Setup(camera, Mirrors(periscope.mirrors, ((0, 1),), direct=True)).rig(margin=0)
+    both = rig[0].region.traced & rig[1].region.traced
+    assert not both.any()
+    assert rig.facets[240, 320] == 0  # the first mirror stands in the middle
+    # a first mirror by itself keeps only the rays that the second one lets pass
+    alone = View(camera, periscope.paths(587.6)[0], margin=0.0)
+    inside = np.argwhere(rig[0].region.traced)[::97, ::-1]
+    assert set(np.unique(alone.explain_pixels(inside))) == {Reason.BLOCKED}

@@ -114,7 +114,8 @@ class Mirrors:
                 jacobian[3 * k : 3 * k + 3, s] = derivatives[k]
             name = "mirror " + " then ".join(map(str, sequence))
             surfaces = tuple(interfaces[k] for k in sequence)
-            paths.append(Path(surfaces, index, self.parameter_names, jacobian, name))
+            blockers = tuple(interfaces) if len(interfaces) > 1 else ()
+            paths.append(Path(surfaces, index, self.parameter_names, jacobian, name, blockers))
         if self.direct:
             nothing = np.zeros((len(self.parameter_names), 0, 5))
             paths.append(Path((), index, self.parameter_names, nothing, "direct", blockers=tuple(interfaces)))

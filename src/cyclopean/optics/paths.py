@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import OpticError
 from ..geometry import Rays, launch
-from .surfaces import Interface, Reason
+from .surfaces import Interface, Reason, reflect
 
 
 class PackedPath(NamedTuple):
@@ -27,8 +27,8 @@ class Path:
     """Interfaces in the order in which light from the camera's pinhole meets them.
 
     `derivatives` (P, S, 5) are those of each interface's normal, offset and n_after^2 - n_before^2 with
-    respect to the P named parameters of the optic that made the path. `blockers` stand in the way of a path
-    without interfaces.
+    respect to the P named parameters of the optic that made the path. `blockers` are mirrors that
+    may stand in the way (`obstructed`).
     """
 
     interfaces: tuple[Interface, ...]
@@ -107,6 +107,30 @@ class Path:
         )
         return Rays(out[0], out[1])
 
+    def obstructed(self, rays: Rays) -> np.ndarray:
+        """True (...,) where one of the blockers stands in the way of rays (...,), before, between or behind surfaces.
+
+        A mirror without size is as large as it needs to be: it hides what is behind it from the camera, but
+        does not wall in light that other mirrors have turned.
+        """
+        origins, directions = np.asarray(rays.origins, dtype=float), np.asarray(rays.directions, dtype=float)
+        blocked = np.zeros(directions.shape[:-1], dtype=bool)
+        left = None
+        for surface in (*self.interfaces, None):
+            reach = np.inf if surface is None else _distance(surface, origins, directions)
+            for blocker in self.blockers:
+                if blocker is left or blocker is surface or (left is not None and not len(blocker.bounds)):
+                    continue
+                distance = _distance(blocker, origins, directions)
+                hits = origins + distance[..., None] * directions
+                inside = (hits @ blocker.bounds[:, :3].T <= blocker.bounds[:, 3]).all(-1)
+                blocked |= inside & (distance > 0) & (distance < reach)
+            if surface is not None:
+                origins = origins + reach[..., None] * directions
+                directions = reflect(directions, surface.normal)
+            left = surface
+        return blocked
+
     def explain(self, rays: Rays) -> np.ndarray:
         """The `Reason` (as an integer array, (...,)) why each ray is lost; 0 where it is not."""
         from . import kernels
@@ -130,3 +154,9 @@ class Path:
                 Reason.TOTAL_REFLECTION.value,
             )
         return out
+
+
+def _distance(surface, origins, directions):
+    """How far along each ray (...,) a surface lies; inf or NaN where they never meet."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return (surface.offset - origins @ surface.normal) / (directions @ surface.normal)

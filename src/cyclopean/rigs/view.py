@@ -80,7 +80,7 @@ class View:
         out = origins.reshape(-1, 3), directions.reshape(-1, 3)
         launch(kernels.trace_pixels, len(flat), flat, *self._optics, *out)
         if self.path.blockers:
-            blocked = self._blocked(directions)
+            blocked = self.path.obstructed(self.camera.rays(pixels))
             origins[blocked] = directions[blocked] = np.nan
         return Rays(origins, directions)
 
@@ -119,7 +119,7 @@ class View:
             out.reshape(-1, 2),
         )
         if self.path.blockers:
-            out[self._blocked(points)] = np.nan
+            out[self.path.obstructed(self.camera.rays(out))] = np.nan
         return out
 
     def ray_derivatives(self, pixels: ArrayLike) -> RayDerivatives:
@@ -147,7 +147,7 @@ class View:
         rays = self.camera.rays(pixels)
         reasons = self.path.explain(rays)
         if self.path.blockers:
-            reasons[self._blocked(rays.directions)] = Reason.BLOCKED
+            reasons[(reasons == Reason.SEEN) & self.path.obstructed(rays)] = Reason.BLOCKED
         return reasons
 
     def explain_points(self, points: ArrayLike) -> np.ndarray:
@@ -166,10 +166,10 @@ class View:
         from . import kernels
 
         grid = pixel_grid(self.camera.size)
-        if self.path.blockers:
-            return Region(np.isfinite(self.rays(grid).directions[..., 0]), self.margin)
         clearance = np.empty(grid.shape[:2])
         launch(kernels.pixel_clearance, clearance.size, grid.reshape(-1, 2), *self._optics, clearance.reshape(-1))
+        if self.path.blockers:
+            clearance[self.path.obstructed(self.camera.rays(grid))] = -1.0
         return Region(clearance >= 0, self.margin, clearance)
 
     @cached_property
@@ -205,17 +205,6 @@ class View:
             return points[..., 2] <= 0
         last, axis = self.path.interfaces[-1], self._aim[0][3]
         return (points @ last.normal - last.offset) * (axis @ last.normal) <= 0
-
-    def _blocked(self, directions):
-        """True (...,) where a straight line from the pinhole meets one of the path's blockers."""
-        blocked = np.zeros(directions.shape[:-1], dtype=bool)
-        for blocker in self.path.blockers:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                distance = blocker.offset / (directions @ blocker.normal)
-            hits = distance[..., None] * directions
-            inside = (hits @ blocker.bounds[:, :3].T <= blocker.bounds[:, 3]).all(-1)
-            blocked |= inside & (distance > 0) & (distance < np.inf)
-        return blocked
 
 
 def _tally(reasons):
