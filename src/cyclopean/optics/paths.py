@@ -117,7 +117,7 @@ class Path:
         blocked = np.zeros(directions.shape[:-1], dtype=bool)
         left = None
         for surface in (*self.interfaces, None):
-            reach = np.inf if surface is None else _distance(surface, origins, directions)
+            reach = np.array(np.inf) if surface is None else _distance(surface, origins, directions)
             for blocker in self.blockers:
                 if blocker is left or blocker is surface or (left is not None and not len(blocker.bounds)):
                     continue
