@@ -30,10 +30,10 @@ def dense(figures: dict[str, float]) -> str:
     scenes = [key.removesuffix("_sgbm2x_seconds") for key in figures if key.endswith("_sgbm2x_seconds")]
     rows = []
     for scene in scenes:
-        keys = ["complete_percent", "bad1_percent", "median_percent", "seconds"]
+        keys = ["complete_percent", "bad1_percent", "bad1_or_none_percent", "median_percent", "seconds"]
         keys += [f"sgbm2x_{'' if key == 'seconds' else 'exact_'}{key}" for key in keys]
         rows.append([scene, *(figures[f"{scene}_{key}"] for key in [*keys, "sgbm2x_exact_median_over_ours_times"])])
-    one = ["complete %", "bad-1 %", "median %", "s"]
+    one = ["complete %", "bad-1 %", "bad-1 or none %", "median %", "s"]
     return markdown(["scene", *one, *(f"OpenCV {column}" for column in one), "its median / ours"], rows)
 
 

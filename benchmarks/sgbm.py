@@ -170,7 +170,7 @@ def match(photograph: np.ndarray, pair: Pair, block: int = 5) -> np.ndarray:
     the result, not blackened before.
     """
     pictures = [cv2.remap(photograph, maps, None, cv2.INTER_CUBIC) for maps in pair.maps]
-    weight = block**2 * pictures[0].shape[2]
+    weight = block**2 * (photograph.shape[2] if photograph.ndim == 3 else 1)
     matcher = cv2.StereoSGBM.create(
         minDisparity=0,
         numDisparities=pair.count,

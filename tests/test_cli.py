@@ -166,6 +166,24 @@ def test_bad_depth_ranges_are_named(depth, files, tmp_path, monkeypatch, capsys)
     assert "NEAR..FAR" in error or "NEAR < FAR" in error
 
 
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("--step=0", "between 0.01 and 10 px"),
+        ("--step=nan", "between 0.01 and 10 px"),
+        ("--memory=0", "64 MiB"),
+        ("--memory=nan", "64 MiB"),
+        ("--threads=999", "--threads must lie between"),
+    ],
+)
+def test_bad_options_are_named(option, words, files, tmp_path, monkeypatch, capsys):
+    status, _, error = run(
+        monkeypatch, capsys, "reconstruct", files / "photo.png", "-s", files / "setup.toml", "-o", tmp_path, option
+    )
+    assert status == 2
+    assert words in error
+
+
 def test_results_that_cannot_be_written_fail_before_the_work(files, tmp_path, monkeypatch, capsys):
     taken = written(tmp_path, "taken", "a file, not a folder")
     status, _, error = run(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import ImageError, OpticError
+from .errors import ImageError, OpticError, SetupError
 from .geometry import as_rgb
 from .matching import DepthMap, agreement, match
 from .rectification import inverse_depths, sweep
@@ -74,6 +74,8 @@ def reconstruct(
     photograph = as_photograph(photograph, rig)
     if len(rig) < 2:
         raise OpticError(f"depth needs at least two views, but this setup gives {len(rig)}")
+    if not memory_mib >= 64:
+        raise SetupError(f"matching needs at least 64 MiB of memory, got {memory_mib}; 1024 is usual")
     depths = depths or rig.working_depths
     hypotheses = inverse_depths(rig, depths, step)
     maps = []

@@ -32,6 +32,8 @@ def inverse_depths(rig: Rig, depths: tuple[float, float], step: float = 0.5) -> 
     near, far = depths
     if not 0 < near < far < np.inf:
         raise SetupError(f"a depth range is (near, far) with 0 < near < far in mm, got {depths}")
+    if not 0.01 <= step <= 10:
+        raise SetupError(f"the step between depth hypotheses must lie between 0.01 and 10 px (0.5 is usual), got {step}")
     low, high = 1 / far, 1 / near
     probe = np.linspace(low, high, _PROBES)
     fastest = 0.0
@@ -52,7 +54,7 @@ def inverse_depths(rig: Rig, depths: tuple[float, float], step: float = 0.5) -> 
             f"nothing moves between the depths {near:g} and {far:g} mm: the rig needs two views that overlap there"
         )
     fastest *= 1.02  # what lies between the probes may be a little faster
-    return np.linspace(low, high, int(np.ceil((high - low) * fastest / step)) + 1)
+    return np.linspace(low, high, max(int(np.ceil((high - low) * fastest / step)) + 1, 3))  # a matcher wants 3
 
 
 def at_inverse_depths(rays: Rays, inverse: ArrayLike) -> np.ndarray:
