@@ -74,7 +74,7 @@ def reconstruct(
     photograph = as_photograph(photograph, rig)
     if len(rig) < 2:
         raise OpticError(f"depth needs at least two views, but this setup gives {len(rig)}")
-    if not memory_mib >= 64:
+    if not 64 <= memory_mib < float("inf"):
         raise SetupError(f"matching needs at least 64 MiB of memory, got {memory_mib}; 1024 is usual")
     depths = depths or rig.working_depths
     hypotheses = inverse_depths(rig, depths, step)
