@@ -183,15 +183,16 @@ def report(figures: dict[str, dict[str, float]], scales: Sequence[int]) -> None:
     keys = [f"{key}_percent" for key in ("complete", "bad1", "bad2", "bad5", "median", "rms98")]
     _table("cyclopean", columns, [*keys, "error_over_sigma_times", "seconds"], figures)
     for scale in scales:
-        columns = ["complete", "bad-1", "bad/none", "median %", "s"]
-        keys = ["complete_percent", "bad1_percent", "bad1_or_none_percent", "median_percent", "seconds"]
+        columns = ["bad-1", "bad/none", "median", "s"]
+        keys = ["bad1_percent", "bad1_or_none_percent", "median_percent", "seconds"]
         peer = [f"sgbm{scale}x_{'' if key == 'seconds' else 'exact_'}{key}" for key in keys]
-        columns = [*columns, "OpenCV:", *columns[1:], "/ ours"]
+        columns = [*columns, "| bad-1", *columns[1:], "/ ours"]
         keys = [*keys, *peer, f"sgbm{scale}x_exact_median_over_ours_times"]
         _table(f"cyclopean beside OpenCV at {scale}x: merged, exact rays, %", columns, keys, figures)
     for scale in scales:
-        columns = [f"{way}: {column}" for way in WAYS for column in ("bad-1", "median", "rms")]
-        keys = [f"sgbm{scale}x_{way}_pairs_{key}_percent" for way in WAYS for key in ("bad1", "median", "rms98")]
+        columns = ["complete", *(f"{way}: {column}" for way in WAYS for column in ("bad-1", "median", "rms"))]
+        keys = [f"sgbm{scale}x_exact_pairs_complete_percent"]
+        keys += [f"sgbm{scale}x_{way}_pairs_{key}_percent" for way in WAYS for key in ("bad1", "median", "rms98")]
         _table(f"OpenCV at {scale}x, pairs, %", columns, keys, figures)
 
 

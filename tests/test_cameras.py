@@ -152,3 +152,13 @@ def test_matrices_and_pixels_of_the_wrong_shape_are_named():
         Camera((640, 480), 900).rays(np.zeros((2, 5)))
     with pytest.raises(ShapeError, match=r"points must have shape \(..., 3\), got \(5, 2\)"):
         Camera((640, 480), 900).project(np.zeros((5, 2)))
+
+
+def test_no_two_directions_share_a_pixel_where_tangential_terms_fold():
+    camera = Camera((640, 480), 260, distortion=(-0.19, 0.015, -0.009, 0.003, -0.002))
+    place = np.stack(np.meshgrid(np.linspace(-1.5, 1.5, 101), np.linspace(-1.5, 1.5, 101)), -1)
+    pixels = camera.denormalise(place)
+    known = np.isfinite(pixels).all(-1)
+    back = camera.normalise(pixels)[known]
+    good = np.isfinite(back).all(-1)
+    np.testing.assert_allclose(back[good], place[known][good], atol=1e-9)

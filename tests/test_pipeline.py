@@ -5,8 +5,8 @@ import pytest
 from scenes import photograph_plane, small_setup
 
 from cyclopean import Mirror, Mirrors, Plate, Setup
-from cyclopean.errors import ImageError, OpticError
-from cyclopean.pipeline import reconstruct
+from cyclopean.errors import ImageError, OpticError, SetupError
+from cyclopean.pipeline import check_memory, reconstruct
 
 
 @pytest.fixture(scope="module")
@@ -122,3 +122,26 @@ def test_wrong_photograph_and_too_few_views(plane):
     plate = Setup(small_setup().camera, Plate(1.5, distance=50.0, thickness=10.0)).rig()
     with pytest.raises(OpticError, match="at least two views"):
         reconstruct(photograph, plate)
+
+
+@pytest.mark.parametrize("scale", [4, 16, 257])
+def test_sixteen_bits_of_any_depth_give_the_same(plane, scale):
+    rig, photograph, _, result = plane
+    deep = reconstruct((photograph.astype(np.uint16) * scale).astype(np.uint16), rig, (500.0, 1200.0))
+    # 10, 12 and 16 bits: white is found to within a bit, so only the noise floor's scale differs
+    assert np.isfinite(deep.depth).mean() > 0.97 * np.isfinite(result.depth).mean()
+    assert deep.colours.max() > 120
+
+
+def test_a_hot_pixel_does_not_matter(plane):
+    rig, photograph, _, result = plane
+    hot = photograph.astype(np.float32) / 255
+    hot[5, 5] = 50
+    found = reconstruct(hot, rig, (500.0, 1200.0))
+    assert np.isfinite(found.depth).mean() > 0.97 * np.isfinite(result.depth).mean()
+
+
+def test_a_depth_range_too_wide_for_memory_is_refused():
+    rig = small_setup().rig()
+    with pytest.raises(SetupError, match="narrower depth range"):
+        check_memory(rig, 1_000_000)

@@ -186,3 +186,12 @@ def test_what_cannot_be_done_is_said():
         fit(view, (10, 20))
     with pytest.raises(OpticError, match="the axis ray and the boundary ray are parallel"):
         sketch(view, DEPTHS, view.camera.centre)
+
+
+def test_sketch_through_a_thin_plate_finds_the_camera_itself():
+    camera = Camera((640, 480), 600, distortion=(-0.2, 0.05, 0, 0, 0))
+    view = Setup(camera, Plate(1.5, distance=50.0, thickness=0.001)).rig()[0]
+    for boundary in ("middle", "edge"):
+        virtual = sketch(view, (500.0, 1000.0), boundary)
+        assert virtual.camera.focal[0] == pytest.approx(600, rel=1e-4)  # a micrometre of glass
+        assert virtual.departure_max < 0.01

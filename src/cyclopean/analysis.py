@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .errors import SetupError
 from .rigs import Rig, VirtualCamera, fit
 from .triangulation import point_covariance
 
@@ -51,6 +52,8 @@ def summarise(rig: Rig, depths: tuple[float, float] | None = None, sigma_px: flo
     The angle of a pair is that between the directions in which the camera's optical axis leaves through the two
     facets, the gamma of the thesis; each facet is taken without end for it.
     """
+    if not 0 < sigma_px < np.inf:
+        raise SetupError(f"the pixel noise must be a positive number of px, got {sigma_px}")
     near, far = depths or rig.working_depths
     cameras = tuple(fit(view, (near, far)) for view in rig)
     axes = [view.unbounded().rays(view.camera.centre).directions for view in rig]

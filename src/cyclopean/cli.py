@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 # heavy modules are imported inside the commands, so that --help answers at once
 import cyclopts
@@ -36,6 +36,7 @@ def reconstruct(
     step: float = 0.5,
     memory: float = 1024,
     threads: int | None = None,
+    channel: Literal["all", "red", "green", "blue"] = "all",
 ) -> None:
     """Turn one photograph into a measured point cloud.
 
@@ -58,10 +59,13 @@ def reconstruct(
         Memory for matching, MiB.
     threads
         Threads to use; all cores without it.
+    channel
+        Colour channel to match. Glass bends colours differently: in white light, with a prism, one channel (and
+        its wavelength in the setup file) is far better than all.
     """
     from .jobs import run_reconstruction
 
-    run_reconstruction(photo, setup, output, parse_depths(depth), step, memory, threads)
+    run_reconstruction(photo, setup, output, parse_depths(depth), step, memory, threads, channel)
 
 
 @app.command

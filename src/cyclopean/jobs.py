@@ -14,11 +14,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from .errors import ImageError, OutputError, SetupError
 from .files import (
     check_exposure,
     output_folder,
     read_photograph,
     read_setup,
+    replacing,
     write_depths,
     write_image,
     write_ply,
@@ -28,7 +30,8 @@ if TYPE_CHECKING:
     from .analysis import RigSummary
     from .pipeline import Reconstruction
 
-console = Console(highlight=False, width=None if sys.stdout.isatty() else 110)
+_AT_TERMINAL = sys.stdout is not None and sys.stdout.isatty()
+console = Console(highlight=False, markup=False, width=None if _AT_TERMINAL else 110)  # names may hold [ ]
 DEMO = Path(__file__).parent / "demo"
 
 
@@ -45,6 +48,7 @@ def run_reconstruction(
     step: float,
     memory_mib: float,
     threads: int | None,
+    channel: str = "all",
 ) -> None:
     """Read, reconstruct and write everything; see `cyclopean reconstruct`."""
     from . import pipeline
@@ -55,16 +59,21 @@ def run_reconstruction(
     folder = output_folder(output)
     use_threads(threads)
     rig = setup.rig()
+    if channel != "all":
+        if photograph.ndim == 2:
+            raise ImageError(f"{photo} is grey: it has no {channel} channel; leave --channel out")
+        photograph = np.ascontiguousarray(photograph[..., ("red", "green", "blue").index(channel)])
     warnings = check_exposure(photograph, rig.masks)
     for warning in warnings:
-        console.print(f"[yellow]warning:[/] {warning}")
+        console.print(f"warning: {warning}", style="yellow")
     depths = depths or setup.depths or rig.working_depths
     console.print(f"{photo.name}: {len(rig)} views, searching depths {depths[0]:g} to {depths[1]:g} mm")
     kept: list[Path] = []
 
     def keep(k, depth_map):
         path = folder / f"unchecked_view_{k}.npz"
-        np.savez(path, origin=depth_map.origin, inverse_depth=depth_map.inverse_depth, sigma=depth_map.sigma)
+        with replacing(path) as file:
+            np.savez(file, origin=depth_map.origin, inverse_depth=depth_map.inverse_depth, sigma=depth_map.sigma)
         kept.append(path)
 
     with progress_bars() as progress:
@@ -164,8 +173,9 @@ def say_results(result: Reconstruction, folder: Path, seconds: float) -> None:
     console.print(table)
     if not len(result.points):
         console.print(
-            "[yellow]warning:[/] no depth was found: is this the setup that took the photograph, does the depth range "
-            "hold the scene, and is the scene textured?"
+            "warning: no depth was found: is this the setup that took the photograph, does the depth range "
+            "hold the scene, and is the scene textured?",
+            style="yellow",
         )
     console.print(f"{len(result.points):,} points in {seconds:.1f} s -> {folder}/")
     console.print("  points.ply  depth.npz  depth.png  regions.png  overview.png  report.html")
@@ -235,7 +245,7 @@ def split_photograph(photo: Path, setup_file: Path, output: Path) -> None:
     folder = output_folder(output)
     rig = setup.rig()
     for warning in check_exposure(photograph, rig.masks):
-        console.print(f"[yellow]warning:[/] {warning}")
+        console.print(f"warning: {warning}", style="yellow")
     places = []
     for k, view in enumerate(rig):
         x, y, width, height = view.region.box
@@ -250,14 +260,13 @@ def split_photograph(photo: Path, setup_file: Path, output: Path) -> None:
              "mirrored": view.mirrored}
         )  # fmt: skip
         console.print(f"view_{k}.png  {view.name}: {width} x {height} px at ({x}, {y})")
-    (folder / "views.json").write_text(json.dumps(places, indent=1) + "\n", encoding="utf-8")
+    with replacing(folder / "views.json") as file:
+        file.write((json.dumps(places, indent=1) + "\n").encode())
     save_figure(plotting.outlined_picture(photograph, rig), folder / "regions.png")
 
 
 def save_figure(figure, path: Path) -> None:
     """Write a figure as PNG, or raise OutputError."""
-    from .errors import OutputError
-
     try:
         figure.savefig(path)
     except OSError as error:
@@ -266,8 +275,6 @@ def save_figure(figure, path: Path) -> None:
 
 def use_threads(threads: int | None) -> None:
     """Limit the threads of compiled kernels and of OpenCV."""
-    from .errors import SetupError
-
     if threads is None:
         return
     import cv2

@@ -13,6 +13,9 @@ from .matching import DepthMap, agreement, match
 from .rectification import inverse_depths, sweep
 from .rigs import Rig
 
+MAPS_MIB = 1536  # of a sweep: with 1 GiB for matching, a 12-megapixel photograph fits into 4 GiB
+SPACING = 8  # px between the points of a sweep that are projected exactly
+
 Progress = Callable[[str, int, int], None]  # what is being done, steps done, steps in all
 
 
@@ -78,9 +81,10 @@ def reconstruct(
         raise SetupError(f"matching needs at least 64 MiB of memory, got {memory_mib}; 1024 is usual")
     depths = depths or rig.working_depths
     hypotheses = inverse_depths(rig, depths, step)
+    check_memory(rig, len(hypotheses))
     maps = []
     for k, view in enumerate(rig):
-        warps = sweep(rig, k, hypotheses)
+        warps = sweep(rig, k, hypotheses, SPACING)
         maps.append(match(photograph, warps, memory_mib=memory_mib, progress=_named(progress, view.name)))
         if keep is not None:
             keep(k, maps[-1])
@@ -98,6 +102,18 @@ def as_photograph(photograph: np.ndarray, rig: Rig) -> np.ndarray:
             f"wanted ({height}, {width}) or ({height}, {width}, 3)"
         )
     return photograph
+
+
+def check_memory(rig: Rig, hypotheses: int) -> None:
+    """Raise SetupError when the maps of one sweep would take more than MAPS_MIB: the depth range is too wide."""
+    _, _, width, height = max((view.region.box for view in rig), key=lambda box: box[2] * box[3])
+    nodes = (width / SPACING + 2) * (height / SPACING + 2) * hypotheses * (len(rig) - 1)
+    needed = nodes * 8 / 2**20  # two float32 a node
+    if needed > MAPS_MIB:
+        raise SetupError(
+            f"{hypotheses} depth hypotheses for {len(rig)} views would take {needed:.0f} MiB of maps, more than "
+            f"{MAPS_MIB}; state a narrower depth range, or make the step larger"
+        )
 
 
 def cross_check(rig: Rig, maps: Sequence[DepthMap], tolerance: float) -> list[DepthMap]:

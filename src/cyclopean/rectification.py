@@ -33,7 +33,7 @@ def inverse_depths(rig: Rig, depths: tuple[float, float], step: float = 0.5) -> 
     if not 0 < near < far < np.inf:
         raise SetupError(f"a depth range is (near, far) with 0 < near < far in mm, got {depths}")
     if not 0.01 <= step <= 10:
-        raise SetupError(f"the step between depth hypotheses must lie between 0.01 and 10 px (0.5 is usual), got {step}")
+        raise SetupError(f"the step between hypotheses must lie between 0.01 and 10 px (0.5 is usual), got {step}")
     low, high = 1 / far, 1 / near
     probe = np.linspace(low, high, _PROBES)
     fastest = 0.0

@@ -64,7 +64,8 @@ def pixel_one(x, y, lens, fold, straight):
     """Pixel of undistorted normalised coordinates; NaN beyond the lens's fold."""
     if not straight:
         inside = x * x + y * y < fold * fold
-        x, y, _, _, _ = distort_one(x, y, lens)
+        x, y, xx, xy, yy = distort_one(x, y, lens)
+        inside &= (xx > 0) & (xx * yy > xy * xy)  # tangential terms can fold the picture earlier
         if not inside:
             x, y = np.nan, np.nan
     return lens[0] * x + lens[2], lens[1] * y + lens[3]

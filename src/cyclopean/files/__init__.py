@@ -6,7 +6,7 @@ leaves the old file or none, never half a file.
 
 from .clouds import write_ply
 from .depths import read_depths, write_depths
-from .disk import output_folder
+from .disk import output_folder, replacing
 from .photographs import check_exposure, read_photograph, write_image
 from .setups import read_setup, write_setup
 
@@ -16,6 +16,7 @@ __all__ = [
     "read_depths",
     "read_photograph",
     "read_setup",
+    "replacing",
     "write_depths",
     "write_image",
     "write_ply",

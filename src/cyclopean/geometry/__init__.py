@@ -1,6 +1,6 @@
 """Poses, rays, polygons and maps: geometry that knows no optics."""
 
-from .arrays import as_pixels, as_points, as_rgb
+from .arrays import as_pixels, as_points, as_rgb, white_level
 from .polygons import clip_by_half_plane, polygon_area
 from .poses import Pose, rotation_from_vector, rotation_vector_jacobian, shortest_rotation
 from .rays import NearestPoint, Rays, nearest_point, shortest_segment
@@ -23,4 +23,5 @@ __all__ = [
     "rotation_vector_jacobian",
     "shortest_rotation",
     "shortest_segment",
+    "white_level",
 ]

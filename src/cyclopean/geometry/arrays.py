@@ -16,16 +16,31 @@ def as_points(points: ArrayLike) -> np.ndarray:
     return _with_last_axis(points, 3, "points")
 
 
+def white_level(image: ArrayLike) -> float:
+    """The value that stands for white in a picture.
+
+    255 for 8 bits. A camera may use only 10, 12 or 14 of 16 bits: the smallest power of two (less one) that holds
+    the picture. For real numbers the 99.9th percentile, which hot pixels do not move.
+    """
+    picture = np.asarray(image)
+    if picture.dtype == np.uint8:
+        return 255.0
+    known = picture[np.isfinite(picture)]
+    if picture.dtype.kind == "u":
+        return float(2 ** max(8, int(known.max(initial=0)).bit_length()) - 1)
+    positive = known[known > 0]
+    return float(np.percentile(positive, 99.9)) if positive.size else 1.0
+
+
 def as_rgb(image: ArrayLike) -> np.ndarray:
     """A picture of any depth, (H, W) or (H, W, C), as (H, W, 3) uint8 for showing.
 
-    Unsigned integers keep their type's scale, real numbers are scaled to the largest; NaN becomes black.
+    Scaled by its `white_level`; NaN becomes black.
     """
     picture = np.asarray(image)
     if picture.dtype != np.uint8:
-        known = picture[np.isfinite(picture)]
-        top = np.iinfo(picture.dtype).max if picture.dtype.kind == "u" else max(float(known.max(initial=0)), 1e-12)
-        picture = np.nan_to_num(picture.astype(np.float32), posinf=0, neginf=0) * np.float32(255 / top)
+        scale = np.float32(255 / white_level(picture))
+        picture = np.nan_to_num(picture.astype(np.float32), posinf=0, neginf=0) * scale
         picture = np.clip(picture, 0, 255).astype(np.uint8)
     if picture.ndim == 2:
         picture = picture[..., None]

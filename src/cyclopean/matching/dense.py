@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ImageError
-from ..geometry import Warps
+from ..geometry import Warps, white_level
 from .aggregation import aggregate, winner
 from .cost import cost_volume
 from .refinement import ITERATIONS, prepare, refine
@@ -100,17 +100,13 @@ def match(image, warps: Warps, *, memory_mib=1024, progress=None) -> DepthMap:
 
 
 def grey_levels(image):
-    """Scale a picture so that its type's end, or its largest real number, is 255: (H, W, C) float32."""
+    """Scale a picture so that its white level is 255: (H, W, C) float32."""
     image = np.asarray(image)
     if image.ndim not in (2, 3) or image.size == 0:
         raise ImageError(f"an image must have shape (H, W) or (H, W, C), got {image.shape}")
     if image.dtype.kind not in "uf":
         raise ImageError(f"an image must hold unsigned integers or real numbers, got {image.dtype}")
-    if image.dtype.kind == "u":
-        top = np.iinfo(image.dtype).max
-    else:
-        top = np.max(np.abs(image), initial=0, where=np.isfinite(image))
-    levels = np.nan_to_num(image.astype(np.float32) * np.float32(255 / (top or 1)), posinf=0, neginf=0)
+    levels = np.nan_to_num(image.astype(np.float32) * np.float32(255 / white_level(image)), posinf=0, neginf=0)
     return levels.reshape(*image.shape[:2], -1)
 
 

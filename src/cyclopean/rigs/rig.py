@@ -41,6 +41,12 @@ class Rig(Sequence):
     @cached_property
     def masks(self) -> np.ndarray:
         """(V, H, W) bool: which pixels belong to each view, margins taken off."""
+        for view in self.views:
+            if not view.region.mask.any():
+                raise OpticError(
+                    f"{view.name} has no pixels left: all {view.region.traced.sum()} of them lie within its margin of "
+                    f"{view.margin:g} px beside seams; move the optic, or make the margin smaller"
+                )
         return np.stack([view.region.mask for view in self.views])
 
     @property

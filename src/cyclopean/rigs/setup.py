@@ -70,6 +70,8 @@ class Setup:
         OpticError
             When no light comes through a facet.
         """
+        if margin is not None and not 0 <= margin < np.inf:
+            raise SetupError(f"the margin beside seams must be 0 px or more, got {margin}")
         views = []
         for path in self.optic.paths(self.wavelength_nm):
             width = DEFAULT_MARGIN + self.blend_band(path) / 2 if margin is None else margin

@@ -93,11 +93,11 @@ def sketch(
     if not np.isfinite(centre).all():
         raise OpticError(f"ray sketching of {view.name}: the axis ray and the boundary ray are parallel")
     angle = np.arccos(np.clip(axis_ray.directions @ boundary_ray.directions, -1, 1))
-    focal = np.linalg.norm((boundary_pixel - centre_pixel) * [1, view.camera.focal[0] / view.camera.focal[1]])
-    focal = float(focal / np.tan(angle))
+    offset = np.linalg.norm(view.camera.normalise(boundary_pixel))  # tangent of the angle before the optic
+    focal = float(offset * view.camera.focal[0] / np.tan(angle))
     focals = (focal, focal * view.camera.focal[1] / view.camera.focal[0])
     rotation = _roll_like(view, axis_ray, centre_pixel)
-    camera = Camera(view.camera.size, focals, view.camera.centre)
+    camera = Camera(view.camera.size, focals, view.camera.centre, view.camera.distortion)
     pose = Pose(rotation, -rotation @ centre)
     name = boundary if isinstance(boundary, str) else "pixel"
     return _qualified(view, camera, pose, f"ray sketch, {name} ray", depths)
