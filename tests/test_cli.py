@@ -220,16 +220,16 @@ def test_an_interrupted_run_keeps_what_was_made(files, tmp_path, monkeypatch, ca
 
 
 def test_a_fault_of_ours_is_one_line(files, monkeypatch, capsys):
-    from cyclopean import jobs
+    from cyclopean.jobs import setups
 
-    monkeypatch.setattr(jobs, "print_info", lambda *arguments: 1 / 0)
+    monkeypatch.setattr(setups, "print_info", lambda *arguments: 1 / 0)
     status, _, error = run(monkeypatch, capsys, "info", files / "setup.toml")
     assert status == 70
     assert "ZeroDivisionError" in error
 
 
 def test_the_demo_files_are_there():
-    from cyclopean.jobs import demo_files
+    from cyclopean.jobs.reconstruction import demo_files
 
     photo, setup = demo_files()
     assert photo.is_file()

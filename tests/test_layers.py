@@ -17,7 +17,7 @@ LAYERS = (
     ("geometry",),
     ("optics", "cameras"),
     ("rigs",),
-    ("triangulation",),
+    ("triangulation", "targets"),
     ("simulation", "rectification", "matching", "calibration"),
     ("analysis",),
     ("design",),

@@ -1,38 +1,31 @@
-"""What the commands do: read files, run the pipeline, write results, talk to the person."""
+"""From a photograph and a setup to points, pictures and a report."""
 
 from __future__ import annotations
 
-import json
-import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
-from .errors import ImageError, OutputError, SetupError
-from .files import (
+from ..errors import ImageError
+from ..files import (
     check_exposure,
     output_folder,
     read_photograph,
     read_setup,
     replacing,
     write_depths,
-    write_image,
     write_ply,
 )
+from .console import console, progress_bars, save_figure, use_threads
 
 if TYPE_CHECKING:
-    from .analysis import RigSummary
-    from .pipeline import Reconstruction
+    from ..pipeline import Reconstruction
 
-_AT_TERMINAL = sys.stdout is not None and sys.stdout.isatty()
-console = Console(highlight=False, markup=False, width=None if _AT_TERMINAL else 110)  # names may hold [ ]
-DEMO = Path(__file__).parent / "demo"
+DEMO = Path(__file__).parents[1] / "demo"
 
 
 def demo_files() -> tuple[Path, Path]:
@@ -51,7 +44,7 @@ def run_reconstruction(
     channel: str = "all",
 ) -> None:
     """Read, reconstruct and write everything; see `cyclopean reconstruct`."""
-    from . import pipeline
+    from .. import pipeline
 
     started = time.perf_counter()
     setup = read_setup(setup_file)
@@ -99,7 +92,7 @@ def write_results(
     warnings: list[str],
 ) -> None:
     """Write the numbers first, then the pictures, then the report."""
-    from . import plotting
+    from .. import plotting
 
     write_ply(
         folder / "points.ply",
@@ -179,125 +172,3 @@ def say_results(result: Reconstruction, folder: Path, seconds: float) -> None:
         )
     console.print(f"{len(result.points):,} points in {seconds:.1f} s -> {folder}/")
     console.print("  points.ply  depth.npz  depth.png  regions.png  overview.png  report.html")
-
-
-def print_info(setup_file: Path, depths: tuple[float, float] | None, noise_px: float) -> None:
-    """Print what a setup gives; see `cyclopean info`."""
-    from .analysis import summarise
-
-    setup = read_setup(setup_file)
-    rig = setup.rig()
-    with console.status("tracing"):
-        summary = summarise(rig, depths or setup.depths, noise_px)
-    camera = setup.camera
-    console.print(
-        f"{setup_file}: camera {camera.size[0]} x {camera.size[1]} px, focal length "
-        f"{camera.focal[0]:g} px, {setup.optic.kind}, {len(rig)} views, {setup.wavelength_nm:g} nm"
-    )
-    console.print(f"figures hold between depths {summary.depths[0]:g} and {summary.depths[1]:g} mm\n")
-    for table in info_tables(rig, summary):
-        console.print(table)
-
-
-def info_tables(rig, summary: RigSummary) -> Iterator[Table]:
-    """The tables of `cyclopean info`."""
-    title = "virtual cameras: the pinhole with distortion that fits each view best"
-    views = Table("view", "pixels", "centre x, y, z (mm)", "focal x, y (px)", title=title, title_justify="left")
-    views.add_column("departure rms, max (px)")
-    for view, camera in zip(rig, summary.cameras, strict=True):
-        views.add_row(
-            view.name + (", mirrored" if view.mirrored else ""),
-            f"{view.region.mask.sum():,}",
-            ", ".join(f"{value:.2f}" for value in camera.centre),
-            ", ".join(f"{value:.1f}" for value in camera.camera.focal),
-            f"{camera.departure_rms:.3f}, {camera.departure_max:.3f}",
-        )
-    yield views
-    pairs = Table("views", "baseline (mm)", "angle of axes (deg)", title="pairs of views", title_justify="left")
-    for pair in summary.pairs:
-        pairs.add_row(
-            f"{rig[pair.first].name} and {rig[pair.second].name}",
-            f"{pair.baseline:.2f}",
-            f"{np.degrees(pair.angle):.3f}",
-        )
-    if summary.pairs:
-        yield pairs
-    title = "common field of view and depth resolution"
-    fields = Table("depth (mm)", "field (mm)", "seen by 2 (%)", "seen by all (%)", title=title, title_justify="left")
-    fields.add_column(f"sigma of depth (mm) for {summary.sigma_px:g} px")
-    for field in summary.fields:
-        fields.add_row(
-            f"{field.depth:g}",
-            f"{field.width:.0f} x {field.height:.0f}",
-            f"{100 * field.share_two:.0f}",
-            f"{100 * field.share_all:.0f}",
-            f"{field.sigma_depth:.3g}",
-        )
-    yield fields
-
-
-def split_photograph(photo: Path, setup_file: Path, output: Path) -> None:
-    """Write the sub-images of a photograph; see `cyclopean split`."""
-    from . import plotting
-
-    setup = read_setup(setup_file)
-    photograph = read_photograph(photo, setup.camera.size)
-    folder = output_folder(output)
-    rig = setup.rig()
-    for warning in check_exposure(photograph, rig.masks):
-        console.print(f"warning: {warning}", style="yellow")
-    places = []
-    for k, view in enumerate(rig):
-        x, y, width, height = view.region.box
-        window = np.s_[y : y + height, x : x + width]
-        mask = view.region.mask[window]
-        cut = np.where(mask if photograph.ndim == 2 else mask[..., None], photograph[window], 0).astype(
-            photograph.dtype
-        )
-        write_image(folder / f"view_{k}.png", cut)
-        places.append(
-            {"file": f"view_{k}.png", "name": view.name, "x": x, "y": y, "width": width, "height": height,
-             "mirrored": view.mirrored}
-        )  # fmt: skip
-        console.print(f"view_{k}.png  {view.name}: {width} x {height} px at ({x}, {y})")
-    with replacing(folder / "views.json") as file:
-        file.write((json.dumps(places, indent=1) + "\n").encode())
-    save_figure(plotting.outlined_picture(photograph, rig), folder / "regions.png")
-
-
-def save_figure(figure, path: Path) -> None:
-    """Write a figure as PNG, or raise OutputError."""
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
-
-
-def use_threads(threads: int | None) -> None:
-    """Limit the threads of compiled kernels and of OpenCV."""
-    if threads is None:
-        return
-    import cv2
-    import numba
-
-    if not 1 <= threads <= numba.config.NUMBA_NUM_THREADS:
-        raise SetupError(f"--threads must lie between 1 and {numba.config.NUMBA_NUM_THREADS}, got {threads}")
-    numba.set_num_threads(threads)
-    cv2.setNumThreads(threads)
-
-
-@contextmanager
-def progress_bars():
-    """A callable (what, done, total) that shows one bar for each `what`."""
-    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    tasks: dict[str, TaskID] = {}
-    with Progress(*columns, console=console) as bars:
-
-        def show(what, done, total):
-            if what not in tasks:
-                tasks[what] = bars.add_task(what, total=total)
-            bars.update(tasks[what], completed=done, total=total)
-
-        yield show

@@ -1,0 +1,1 @@
+"""What the commands do: read files, run the steps, write results, talk to the person."""

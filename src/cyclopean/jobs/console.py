@@ -1,0 +1,52 @@
+"""Talking to the person at the terminal, and what all commands share."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+
+from ..errors import OutputError, SetupError
+
+_AT_TERMINAL = sys.stdout is not None and sys.stdout.isatty()
+console = Console(highlight=False, markup=False, width=None if _AT_TERMINAL else 110)  # names may hold [ ]
+
+
+def save_figure(figure, path: Path) -> None:
+    """Write a figure as PNG, or raise OutputError."""
+    try:
+        figure.savefig(path)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def use_threads(threads: int | None) -> None:
+    """Limit the threads of compiled kernels and of OpenCV."""
+    if threads is None:
+        return
+    import cv2
+    import numba
+
+    if not 1 <= threads <= numba.config.NUMBA_NUM_THREADS:
+        raise SetupError(f"--threads must lie between 1 and {numba.config.NUMBA_NUM_THREADS}, got {threads}")
+    numba.set_num_threads(threads)
+    cv2.setNumThreads(threads)
+
+
+@contextmanager
+def progress_bars():
+    """A callable (what, done, total) that shows one bar for each `what`."""
+    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    tasks: dict[str, TaskID] = {}
+    with Progress(*columns, console=console) as bars:
+
+        def show(what, done, total):
+            if what not in tasks:
+                tasks[what] = bars.add_task(what, total=total)
+            bars.update(tasks[what], completed=done, total=total)
+
+        yield show
