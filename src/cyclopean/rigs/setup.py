@@ -35,6 +35,10 @@ class Optic(Protocol):
         """Values (P,) of its parameters."""
         ...
 
+    def with_parameters(self, values: np.ndarray) -> Optic:
+        """The optic with other parameters (P,)."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Setup:
