@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..errors import CyclopeanError, SetupError, ShapeError
+from ..errors import CyclopeanError, OpticError, SetupError, ShapeError
 from ..geometry import Pose, shortest_rotation
 from ..optics import Path
 from ..rigs import Setup, View
@@ -121,7 +121,7 @@ def calibrate(
     _check(observations, target, setups)
     if free is None:
         free = default_free(setups[0], observations)
-    unknowns = Unknowns.of(setups, free, tolerances)
+    unknowns = Unknowns.of([_without_outline(setup) for setup in setups], free, tolerances)
     notes: list[str] = []
     guesses: Sequence[Sequence[Pose]]
     if poses is None:
@@ -150,7 +150,9 @@ def calibrate(
         if better is None:
             break
         solution = solve(solution.shared, better)
-    found = tuple(unknowns.setup(solution.shared, channel) for channel in range(len(setups)))
+    found = tuple(
+        _with_outline(unknowns.setup(solution.shared, channel), start, notes) for channel, start in enumerate(setups)
+    )
     if not solution.converged:
         notes.append(f"the calibration did not converge ({solution.message}): give a better start, or free less")
     return Calibration(found, unknowns, solution, observations, target, tuple(notes))
@@ -168,6 +170,7 @@ class Prediction:
     def __init__(self, unknowns: Unknowns, observations: Observations):
         self.unknowns = unknowns
         self.count = len(observations)
+        self.aims = [views_of(setup) for setup in unknowns.setups]
         self.groups = [
             (int(view), int(channel), np.flatnonzero((observations.view == view) & (observations.channel == channel)))
             for view, channel in np.unique(np.stack([observations.view, observations.channel], -1), axis=0)
@@ -180,7 +183,7 @@ class Prediction:
         for number, channel, rows in self.groups:
             try:
                 if channel not in views:
-                    views[channel] = views_of(self.unknowns.setup(shared, channel))
+                    views[channel] = views_of(self.unknowns.setup(shared, channel), self.aims[channel])
             except CyclopeanError:  # a step too far: no such optic; the solver takes a shorter one
                 pixels[:] = np.nan
                 break
@@ -198,10 +201,17 @@ class Prediction:
         return (pixels, to_shared, to_point) if jacobian else (pixels, None, None)
 
 
-def views_of(setup: Setup) -> dict[int, View]:
-    """The setup's views without borders by their numbers, and the camera without its optic as `DIRECT`."""
-    views = {number: view.unbounded() for number, view in enumerate(setup.rig())}
-    return views | {DIRECT: direct_view(setup).unbounded()}
+def views_of(setup: Setup, aims: Mapping[int, View] | None = None) -> dict[int, View]:
+    """The setup's views without borders by their numbers, and the camera without its optic as `DIRECT`.
+
+    `aims` are views of a similar setup, from which projections then start.
+    """
+    if aims is None:
+        views = {number: view.unbounded() for number, view in enumerate(setup.rig())}
+        return views | {DIRECT: direct_view(setup).unbounded()}
+    paths = {number: path.unbounded() for number, path in enumerate(setup.optic.paths(setup.wavelength_nm))}
+    paths[DIRECT] = Path((), name="direct")
+    return {number: aims[number].like(setup.camera, path) for number, path in paths.items()}
 
 
 def direct_view(setup: Setup) -> View:
@@ -268,6 +278,25 @@ def _held(predict, shared):
         return pixels, None if to_shared is None else to_shared[..., :0], to_point
 
     return predict_held
+
+
+def _without_outline(setup):
+    """The setup with an endless optic: on its way the solver may pass through glass that nobody could grind."""
+    return replace(setup, optic=replace(setup.optic, radius=None)) if hasattr(setup.optic, "radius") else setup
+
+
+def _with_outline(setup, start, notes):
+    """The setup with the outline of the start, as far as the calibrated optic allows it."""
+    radius = getattr(start.optic, "radius", None)
+    if radius is None:
+        return setup
+    try:
+        return replace(setup, optic=replace(setup.optic, radius=radius))
+    except OpticError:
+        steepest = np.deg2rad(setup.optic.apex_deg) + np.deg2rad(np.max(setup.optic.facet_deviation_deg or 0.0))
+        fits = 0.999 * setup.optic.thickness / np.tan(steepest)
+        notes.append(f"a prism of this thickness and angle ends at {fits:.2f} mm from its axis, not at {radius:g} mm")
+        return replace(setup, optic=replace(setup.optic, radius=float(fits)))
 
 
 def _check(observations, target, setups):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -88,3 +88,28 @@ class Observations:
             all_of("sigma"),
             all_of("channel"),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Several targets as one: the points of the second are numbered after those of the first."""
+
+    parts: tuple[Target, ...]
+
+    @property
+    def points(self) -> np.ndarray:
+        """The points (P, 3) of all of them, mm, each in its own target's frame."""
+        return np.concatenate([part.points for part in self.parts])
+
+
+def together(parts: Sequence[tuple[Observations, Target]]) -> tuple[Observations, Targets]:
+    """Photographs of different targets as one set of observations of one target.
+
+    Each photograph has a pose of its own, so that the targets need not stand in a common frame.
+    """
+    starts = np.cumsum([0] + [len(target.points) for _, target in parts])
+    moved = [
+        replace(observations, point=observations.point + start)
+        for (observations, _), start in zip(parts, starts[:-1], strict=True)
+    ]
+    return Observations.join(moved), Targets(tuple(target for _, target in parts))
