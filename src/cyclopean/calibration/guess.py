@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -72,7 +73,8 @@ def guess_prism(
             f"the observations show it in {', '.join(map(str, views)) or 'none'}"
         )
     deviation, azimuths = apparent_deviation(used, target, camera, facets)
-    tries = [(facing, distance) for facing in ("scene", "camera") for distance in _DISTANCES]
+    sides: tuple[Literal["scene", "camera"], ...] = ("scene", "camera")
+    tries = [(facing, distance) for facing in sides for distance in _DISTANCES]
     best: Calibration | None = None
     order = np.arange(facets)
     for done, (facing, distance) in enumerate(tries):
@@ -132,17 +134,14 @@ def _agreeing_axes(poses, facets):
     """
     from scipy.spatial.transform import Rotation
 
-    first = poses[0]
-    best, best_spread = None, np.inf
-    for start in first:
-        chosen = [start] + [
-            min(poses[view], key=lambda pose, start=start: _angle(pose, start)) for view in range(1, facets)
-        ]
-        spread = sum(_angle(pose, start) for pose in chosen)
-        if spread < best_spread:
-            best, best_spread = chosen, spread
+    choices = [[start, *(_nearest(poses[view], start) for view in range(1, facets))] for start in poses[0]]
+    best = min(choices, key=lambda chosen: sum(_angle(pose, chosen[0]) for pose in chosen))
     apparent = Rotation.from_matrix([pose.rotation for pose in best])
     return (apparent.mean() * apparent.inv()).as_rotvec()  # true = turn after apparent
+
+
+def _nearest(poses, start):
+    return min(poses, key=lambda pose: _angle(pose, start))
 
 
 def _angle(first: Pose, second: Pose) -> float:

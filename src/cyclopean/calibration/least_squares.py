@@ -79,6 +79,7 @@ def minimise(
     loss: str = "huber",
     threshold: float = 3.0,
     iterations: int = 60,
+    tolerance: float = 1e-9,
 ) -> Solution:
     """Parameters and target poses that explain observed pixels best.
 
@@ -102,6 +103,8 @@ def minimise(
         In standard deviations, which are estimated from the residuals themselves (median absolute deviation).
     iterations : int
         At most so many evaluations of the derivatives.
+    tolerance : float
+        Stop when a step lowers the cost by less than this fraction.
 
     Returns
     -------
@@ -114,7 +117,7 @@ def minimise(
     """
     if loss not in _WEIGHTS:
         raise SetupError(f"loss must be one of {', '.join(_WEIGHTS)}, got {loss!r}")
-    return _Solver(predict, observations, np.asarray(points, dtype=float), prior, loss, threshold).solve(
+    return _Solver(predict, observations, np.asarray(points, dtype=float), prior, loss, threshold, tolerance).solve(
         np.asarray(shared, dtype=float), poses, iterations
     )
 
@@ -137,14 +140,14 @@ _WEIGHTS: dict[str, tuple[Callable, Callable]] = {  # of |residual| / threshold:
 class _Solver:
     """The parts of one minimisation that do not change while it runs."""
 
-    def __init__(self, predict, observations, points, prior, loss, threshold):
+    def __init__(self, predict, observations, points, prior, loss, threshold, tolerance):
         self.predict, self.observed, self.points = predict, observations.pixels, points
         self.sigma, self.photo = observations.sigma, observations.photo
         self.count = len(observations.photos)
         order = np.argsort(self.photo, kind="stable")
         edges = np.searchsorted(self.photo[order], np.arange(self.count + 1))
         self.rows = [order[a:b] for a, b in pairwise(edges)]
-        self.prior, self.loss, self.threshold = prior, loss, threshold
+        self.prior, self.loss, self.threshold, self.tolerance = prior, loss, threshold, tolerance
 
     def solve(self, shared, poses, iterations):
         state = _State(
@@ -215,24 +218,25 @@ class _Solver:
         while True:
             costs.append(cost)
             normal = self.normal(state, miss, to_shared, to_pose, weights, scale)
-            accepted = False
             while damping < 1e12:
-                step, poses = _step(normal, damping)
-                trial = _moved(state, step, poses)
-                promised = _promised(normal, step, poses)
-                if promised <= 1e-11 * max(cost, 1e-12):
+                factors = _Factors(normal, damping)
+                step = factors.solve(normal.shared_gradient, normal.pose_gradient)
+                promised = _promised(normal, *step)
+                if promised <= 0.01 * self.tolerance * max(cost, 1e-12):
                     return state, spent, True, "converged", costs
-                trial_miss = self.residuals(trial)[0]
-                trial_cost = self.weigh(trial_miss, scale)[1] + self.prior_cost(trial.shared, scale)
-                if np.isfinite(trial_cost) and trial_cost < cost:
-                    accepted = True
+                bent = self.bend(state, miss, to_shared, to_pose, weights, factors, step)
+                trial, trial_cost = min(
+                    (self.tried(state, try_step, scale) for try_step in (bent, step) if try_step is not None),
+                    key=lambda tried: tried[1],
+                )
+                if trial_cost < cost:
                     break
                 damping *= 6
-            if not accepted:
-                return state, spent, promised < 1e-6 * cost, "no step makes the residuals smaller", costs
+            else:
+                return state, spent, False, "no step makes the residuals smaller", costs
             gain = (cost - trial_cost) / promised
             damping = max(damping * (0.1 if gain > 0.5 else 1.0), 1e-15)
-            done = cost - trial_cost < 1e-9 * cost
+            done = cost - trial_cost < self.tolerance * cost
             state, cost = trial, trial_cost
             if spent >= iterations:
                 return state, spent, False, f"not converged after {spent} iterations", costs
@@ -241,6 +245,32 @@ class _Solver:
             miss, to_shared, to_pose = self.residuals(state, True)
             weights = self.weigh(miss, scale)[0]
             spent += 1
+
+    def tried(self, state, step, scale):
+        """The state after a step, and its cost; infinite where that is not a number."""
+        trial = _moved(state, *step)
+        cost = self.weigh(self.residuals(trial)[0], scale)[1] + self.prior_cost(trial.shared, scale)
+        return trial, cost if np.isfinite(cost) else np.inf
+
+    def bend(self, state, miss, to_shared, to_pose, weights, factors, step):
+        """The step bent along the valley (geodesic acceleration); None where it would bend too far to be trusted.
+
+        Transtrum and Sethna 2012, Improvements to the Levenberg-Marquardt algorithm, section 4.
+        """
+        ahead = self.residuals(_moved(state, 0.1 * step[0], 0.1 * step[1]))[0]
+        along = to_shared @ step[0] + np.einsum("nij,nj->ni", to_pose, step[1][self.photo])
+        curved = 20 * ((ahead - miss) / 0.1 + along)
+        curved = np.where(np.isfinite(curved), curved, 0.0) * (0.5 * weights[:, None])
+        seen = weights > 0
+        shared, poses = np.zeros(len(step[0])), np.zeros((self.count, 6))
+        for b, rows in enumerate(self.rows):
+            rows = rows[seen[rows]]
+            shared += np.einsum("nij,ni->j", to_shared[rows], curved[rows])
+            poses[b] = np.einsum("nij,ni->j", to_pose[rows], curved[rows])
+        turn = factors.solve(shared, poses)
+        if factors.length(*turn) > 0.375 * factors.length(*step):
+            return None
+        return step[0] + turn[0], step[1] + turn[1]
 
     def normal(self, state, miss, to_shared, to_pose, weights, scale):
         """Normal equations of the weighted rows, photograph by photograph."""
@@ -269,19 +299,19 @@ class _Solver:
         miss, to_shared, to_pose = self.residuals(state, True)
         weights, _ = self.weigh(miss, scale)
         normal = self.normal(state, miss, to_shared, to_pose, weights, scale)
-        reduced, inverses = _reduce(normal, 0.0)
+        factors = _Factors(normal, 0.0)
         seen = weights > 0
         freedom = max(2 * np.count_nonzero(seen) - state.shared.size - 6 * self.count, 1)
         squares = float(np.sum(weights[seen] ** 2 * np.sum(miss[seen] ** 2, -1)))  # Huber: clipped at the threshold
         sigma0 = np.sqrt(squares / freedom)
-        information, precision = reduced, np.zeros(state.shared.size)
+        information, precision = factors.reduced, np.zeros(state.shared.size)
         if self.prior is not None:
             precision = 1 / self.prior[1] ** 2
-            information = reduced - np.diag(precision) * scale**2
+            information = factors.reduced - np.diag(precision) * scale**2
         information = information / max(sigma0, 1e-300) ** 2
         covariance = _inverse(information + np.diag(precision))
-        back = np.einsum("bij,bsj->bis", inverses, normal.cross)
-        pose_covariance = sigma0**2 * inverses + back @ covariance @ np.swapaxes(back, -1, -2)
+        pose_covariance = sigma0**2 * factors.inverses
+        pose_covariance = pose_covariance + np.swapaxes(factors.pulled, -1, -2) @ covariance @ factors.pulled
         return Solution(
             state.shared,
             tuple(Pose(r, t) for r, t in zip(state.rotations, state.translations, strict=True)),
@@ -298,28 +328,31 @@ class _Solver:
         )
 
 
-def _reduce(normal, damping):
-    """The normal equations of the shared parameters alone (S, S), and the inverses (B, 6, 6) of the pose blocks."""
-    blocks = normal.poses.copy()
-    diagonal = np.einsum("bii->bi", blocks)
-    diagonal += damping * diagonal + 1e-12 * np.max(diagonal, axis=-1, keepdims=True) + 1e-300
-    inverses = np.linalg.inv(blocks)
-    shared = normal.shared.copy()
-    if damping:
+class _Factors:
+    """Damped normal equations, reduced to the shared parameters (Schur complement), ready to solve."""
+
+    def __init__(self, normal: _Normal, damping: float):
+        blocks = normal.poses.copy()
+        diagonal = np.einsum("bii->bi", blocks)
+        self.scale = np.sqrt(np.diag(normal.shared)), np.sqrt(diagonal)
+        diagonal += damping * diagonal + 1e-12 * np.max(diagonal, axis=-1, keepdims=True) + 1e-300
+        self.inverses = np.linalg.inv(blocks)
+        self.cross = normal.cross
+        shared = normal.shared.copy()
         shared[np.diag_indices(len(shared))] += damping * np.diag(shared)
-    return shared - np.einsum("bsi,bij,btj->st", normal.cross, inverses, normal.cross, optimize=True), inverses
+        self.pulled = self.cross @ self.inverses  # (B, S, 6)
+        self.reduced = shared - np.einsum("bsi,bti->st", self.pulled, self.cross, optimize=True)
 
+    def solve(self, shared: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Steps of the shared parameters (S,) and of the poses (B, 6) for these gradients."""
+        step = np.zeros(0)
+        if len(shared):
+            step = _solve(self.reduced, shared - np.einsum("bsi,bi->s", self.pulled, poses))
+        return step, np.einsum("bij,bj->bi", self.inverses, poses) - np.einsum("bsi,s->bi", self.pulled, step)
 
-def _step(normal, damping):
-    """Steps of the shared parameters (S,) and of the poses (B, 6)."""
-    reduced, inverses = _reduce(normal, damping)
-    pull = np.einsum("bij,bj->bi", inverses, normal.pose_gradient)
-    step = np.zeros(0)
-    if len(reduced):
-        gradient = normal.shared_gradient - np.einsum("bsi,bi->s", normal.cross, pull)
-        step = _solve(reduced, gradient)
-    poses = pull - np.einsum("bij,bsj,s->bi", inverses, normal.cross, step, optimize=True)
-    return step, poses
+    def length(self, shared: np.ndarray, poses: np.ndarray) -> float:
+        """Length of a step in units of what each parameter does to the residuals."""
+        return float(np.sqrt(np.sum((self.scale[0] * shared) ** 2) + np.sum((self.scale[1] * poses) ** 2)))
 
 
 def _promised(normal, step, poses):

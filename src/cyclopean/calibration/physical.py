@@ -17,6 +17,7 @@ from .least_squares import Solution, minimise
 from .starts import start_poses
 from .unknowns import DEFAULT_FREE, Unknowns, kind_of
 
+_FEW = 40  # points of a photograph that are plenty to choose between first guesses of a pose
 OUTLIER = 0.5  # weight below which an observation is reported as an outlier: twice the robust threshold
 
 
@@ -128,9 +129,10 @@ def calibrate(
         observations, guesses = _start(observations, target, setups[0], notes)
     else:
         guesses = [[pose] for pose in poses]
+    observations = observations.select(np.lexsort((observations.photo, observations.view, observations.channel)))
     points = np.asarray(target.points, dtype=float)[observations.point]
     predict = Prediction(unknowns, observations)
-    poses = _best_poses(predict, unknowns.start, guesses, observations, points)
+    poses, _ = _best_poses(predict, unknowns.start, guesses, observations, points)
 
     def solve(shared, poses):
         return minimise(
@@ -167,12 +169,12 @@ def default_free(setup: Setup, observations: Observations) -> tuple[str, ...]:
 class Prediction:
     """Where a setup with given unknowns shows points: what `minimise` asks for."""
 
-    def __init__(self, unknowns: Unknowns, observations: Observations):
+    def __init__(self, unknowns: Unknowns, observations: Observations, aims: list[dict[int, View]] | None = None):
         self.unknowns = unknowns
         self.count = len(observations)
-        self.aims = [views_of(setup) for setup in unknowns.setups]
+        self.aims = aims or [views_of(setup) for setup in unknowns.setups]
         self.groups = [
-            (int(view), int(channel), np.flatnonzero((observations.view == view) & (observations.channel == channel)))
+            (int(view), int(channel), _rows((observations.view == view) & (observations.channel == channel)))
             for view, channel in np.unique(np.stack([observations.view, observations.channel], -1), axis=0)
         ]
 
@@ -183,7 +185,7 @@ class Prediction:
         for number, channel, rows in self.groups:
             try:
                 if channel not in views:
-                    views[channel] = views_of(self.unknowns.setup(shared, channel), self.aims[channel])
+                    views[channel] = self.views(shared, channel)
             except CyclopeanError:  # a step too far: no such optic; the solver takes a shorter one
                 pixels[:] = np.nan
                 break
@@ -193,25 +195,42 @@ class Prediction:
                 continue
             derivatives = view.pixel_derivatives(points[rows])
             pixels[rows], to_point[rows] = derivatives.pixels, derivatives.to_point
-            matrix = self.unknowns.matrix[channel]
-            camera, optic = matrix[: derivatives.to_camera.shape[-1]], matrix[derivatives.to_camera.shape[-1] :]
-            to_shared[rows] = derivatives.to_camera @ camera
-            if number != DIRECT:
-                to_shared[rows] += derivatives.to_optic @ optic
+            to_shared[rows] = derivatives.to_optic
+            lens = self.unknowns.lens_matrix[channel]
+            if lens.any():
+                to_camera = derivatives.to_camera
+                to_shared[rows] += (to_camera.reshape(-1, len(lens)) @ lens).reshape(*to_camera.shape[:2], -1)
         return (pixels, to_shared, to_point) if jacobian else (pixels, None, None)
+
+    def views(self, shared, channel):
+        """Views whose derivatives "to the optic" are those to the shared unknowns, as far as the optic has any."""
+        views = views_of(self.unknowns.setup(shared, channel), self.aims[channel])
+        matrix = self.unknowns.optic_matrix[channel]
+        for number, view in views.items():
+            path = view.path
+            old = np.zeros((len(matrix), len(path.interfaces), 5)) if path.derivatives is None else path.derivatives
+            new = np.einsum("ps,pij->sij", matrix, old)
+            views[number] = view.continued(
+                view.camera, replace(path, parameter_names=self.unknowns.names, derivatives=new)
+            )
+        return views
+
+
+def _rows(mask):
+    """The rows of a mask: a slice where they follow each other, which is quicker to read and write."""
+    rows = np.flatnonzero(mask)
+    return slice(rows[0], rows[-1] + 1) if rows[-1] - rows[0] + 1 == len(rows) else rows
 
 
 def views_of(setup: Setup, aims: Mapping[int, View] | None = None) -> dict[int, View]:
-    """The setup's views without borders by their numbers, and the camera without its optic as `DIRECT`.
+    """The setup's views by their numbers, continued beyond all borders, and the bare camera as `DIRECT`.
 
     `aims` are views of a similar setup, from which projections then start.
     """
     if aims is None:
-        views = {number: view.unbounded() for number, view in enumerate(setup.rig())}
-        return views | {DIRECT: direct_view(setup).unbounded()}
-    paths = {number: path.unbounded() for number, path in enumerate(setup.optic.paths(setup.wavelength_nm))}
-    paths[DIRECT] = Path((), name="direct")
-    return {number: aims[number].like(setup.camera, path) for number, path in paths.items()}
+        aims = dict(enumerate(setup.rig())) | {DIRECT: direct_view(setup)}
+    paths = dict(enumerate(setup.optic.paths(setup.wavelength_nm))) | {DIRECT: Path((), name="direct")}
+    return {number: aims[number].continued(setup.camera, path) for number, path in paths.items()}
 
 
 def direct_view(setup: Setup) -> View:
@@ -220,18 +239,22 @@ def direct_view(setup: Setup) -> View:
 
 
 def _best_poses(predict, shared, guesses, observations, points):
-    """The guess of each photograph that explains its rows best, after fitting the poses alone."""
+    """The guess of each photograph that explains its rows best, after fitting the poses alone, and its cost."""
+    step = max(len(observations) // (len(guesses) * _FEW), 1)
+    if step > 1:  # a few points of each photograph tell
+        observations, points = observations.select(np.s_[::step]), points[::step]
+        predict = Prediction(predict.unknowns, observations, predict.aims)
     held = _held(predict, shared)
     best: list[Pose] = []
     costs = np.full(len(guesses), np.inf)
     for turn in range(max(map(len, guesses))):
         start = [found[min(turn, len(found) - 1)] for found in guesses]
-        solution = minimise(held, np.zeros(0), start, observations, points, iterations=20)
+        solution = minimise(held, np.zeros(0), start, observations, points, iterations=8, tolerance=1e-4)
         cost = _photo_costs(solution.residuals, observations)
         best = best or list(solution.poses)
         for k in np.flatnonzero(cost < costs):
             best[k], costs[k] = solution.poses[k], cost[k]
-    return best
+    return best, costs
 
 
 def _leaning_right(predict, solution, guesses, observations, points):
@@ -240,16 +263,17 @@ def _leaning_right(predict, solution, guesses, observations, points):
     bad = np.flatnonzero(costs > 3 * np.median(costs))
     if not bad.size:
         return None
-    planes = [_tipped(pose, observations, points, k) for k, pose in enumerate(solution.poses)]
-    tries = [
-        [*found, plane] if k in bad else [solution.poses[k]] for k, (found, plane) in enumerate(zip(guesses, planes))
-    ]
-    poses = _best_poses(predict, solution.shared, tries, observations, points)
-    held = minimise(_held(predict, solution.shared), np.zeros(0), poses, observations, points, iterations=1)
-    better = _photo_costs(held.residuals, observations) < 0.5 * costs
-    if not better.any():
+    some = observations.of_photos(bad)
+    rows = np.isin(observations.photo, bad)
+    tries = [[*guesses[k], _tipped(solution.poses[k], observations, points, k)] for k in bad]
+    part = Prediction(predict.unknowns, some, predict.aims)
+    poses, found = _best_poses(part, solution.shared, tries, some, points[rows])
+    if not np.any(found < 0.5 * costs[bad]):
         return None
-    return [new if yes else old for new, old, yes in zip(poses, solution.poses, better, strict=True)]
+    better = list(solution.poses)
+    for k, pose, cost in zip(bad, poses, found, strict=True):
+        better[k] = pose if cost < 0.5 * costs[k] else better[k]
+    return better
 
 
 def _tipped(pose, observations, points, photo):
@@ -267,7 +291,10 @@ def _photo_costs(residuals, observations):
     """Median residual (px) of each photograph; infinite where most of its points are not seen."""
     length = np.linalg.norm(residuals, axis=-1)
     length = np.where(np.isfinite(length), length, np.inf)
-    return np.array([np.median(length[observations.photo == k]) for k in range(len(observations.photos))])
+    order = np.lexsort((length, observations.photo))
+    starts = np.searchsorted(observations.photo[order], np.arange(len(observations.photos) + 1))
+    middle = np.minimum((starts[:-1] + starts[1:]) // 2, len(length) - 1)
+    return np.where(np.diff(starts) > 0, length[order][middle], 0.0)
 
 
 def _held(predict, shared):

@@ -118,6 +118,16 @@ class Unknowns:
     def __len__(self) -> int:
         return len(self.names)
 
+    @property
+    def lens_matrix(self) -> np.ndarray:
+        """(C, 9, S): how the lens depends on the shared vector."""
+        return self.matrix[:, :_CAMERA_COUNT]
+
+    @property
+    def optic_matrix(self) -> np.ndarray:
+        """(C, P, S): how the optic depends on the shared vector."""
+        return self.matrix[:, _CAMERA_COUNT:]
+
     def parameters(self, shared: np.ndarray, channel: int = 0) -> np.ndarray:
         """All parameters (F,) of a channel's setup."""
         return self.base[channel] + self.matrix[channel] @ shared

@@ -41,6 +41,13 @@ def rotation_from_vector(vector: ArrayLike) -> np.ndarray:
     return Rotation.from_rotvec(np.asarray(vector, dtype=float)).as_matrix()
 
 
+def rotation_vector(rotation: ArrayLike) -> np.ndarray:
+    """Rotation vector (3,) rad, its angle at most pi, of a rotation matrix (3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(np.asarray(rotation, dtype=float)).as_rotvec()
+
+
 def rotation_vector_jacobian(vector: ArrayLike) -> np.ndarray:
     """Left Jacobian (3, 3) of a rotation vector (3,) rad.
 

@@ -135,7 +135,7 @@ class Mirrors:
         """The mirrors with other parameters (P,), in the order of `parameter_names`."""
         rows = np.asarray(values, dtype=float).reshape(-1, 3)
         mirrors = tuple(
-            replace(mirror, tilt_deg=tuple(np.degrees(row[:2])), advance=float(row[2]))
+            replace(mirror, tilt_deg=tuple(np.degrees(row[:2]).tolist()), advance=float(row[2]))
             for mirror, row in zip(self.mirrors, rows, strict=True)
         )
         return replace(self, mirrors=mirrors)

@@ -81,8 +81,8 @@ class Plate:
         values = np.asarray(values, dtype=float)
         return replace(
             self,
-            tilt_deg=tuple(np.degrees(values[:3])),
-            shift=tuple(values[3:5]),
+            tilt_deg=tuple(np.degrees(values[:3]).tolist()),
+            shift=tuple(values[3:5].tolist()),
             distance=float(values[5]),
             thickness=float(values[6]),
             glass=float(values[7]),

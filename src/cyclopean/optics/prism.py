@@ -205,13 +205,13 @@ class Prism:
         deviation = np.degrees(values[9:-1]).reshape(self.facets, 2)
         return replace(
             self,
-            tilt_deg=tuple(np.degrees(values[:3])),
-            shift=tuple(values[3:5]),
+            tilt_deg=tuple(np.degrees(values[:3]).tolist()),
+            shift=tuple(values[3:5].tolist()),
             distance=float(values[5]),
             apex_deg=float(np.degrees(values[6])),
             azimuth_deg=float(np.degrees(values[7])),
             thickness=float(values[8]),
-            facet_deviation_deg=tuple(map(tuple, deviation)) if deviation.any() else (),
+            facet_deviation_deg=tuple(map(tuple, deviation.tolist())) if deviation.any() else (),
             glass=float(values[-1]),
         )
 

@@ -34,7 +34,9 @@ class PixelDerivatives:
 def ray_derivatives(camera: Camera, path: Path, pixels: np.ndarray, rays: Rays) -> RayDerivatives:
     """Derivatives of the rays of pixels (..., 2); `rays` are those rays, and say where there is none."""
     coordinates = camera.normalise(pixels)
-    tangents = _ray_tangents(path, coordinates)
+    flat = np.ascontiguousarray(coordinates, dtype=float).reshape(-1, 2)
+    tangents = np.swapaxes(_ray_tangents(path, flat)[1], -1, -2)
+    tangents = tangents.reshape(*coordinates.shape[:-1], 6, tangents.shape[-1])
     jacobian, to_lens = lens_derivatives(camera, coordinates)
     inverse = np.linalg.inv(jacobian)
     to_coordinates = tangents[..., :2]
@@ -48,24 +50,24 @@ def ray_derivatives(camera: Camera, path: Path, pixels: np.ndarray, rays: Rays) 
 
 
 def pixel_derivatives(camera: Camera, path: Path, points: np.ndarray, pixels: np.ndarray) -> PixelDerivatives:
-    """Derivatives of the pixels (..., 2) at which points (..., 3) are seen.
+    """Derivatives of the pixels (..., 2) at which points (..., 3) are seen."""
+    from . import kernels
 
-    The ray of the pixel passes through the point: its miss, across the ray, is zero. The implicit function
-    theorem turns derivatives of the miss into derivatives of the pixel.
-    """
-    coordinates = camera.normalise(pixels)
-    rays, tangents = _ray_tangents(path, coordinates, with_rays=True)
-    origins, directions = rays[..., :3], rays[..., 3:]
-    across = _across(directions)
-    distance = np.sum((points - origins) * directions, -1)[..., None, None]
-    miss = across @ (tangents[..., :3, :] + distance * tangents[..., 3:, :])  # (..., 2, 2 + P)
-    solve = np.linalg.inv(miss[..., :2])
-    jacobian, to_lens = lens_derivatives(camera, coordinates)
+    shape = pixels.shape[:-1]
+    points, coordinates = (
+        np.ascontiguousarray(np.broadcast_to(given, (*shape, given.shape[-1])), dtype=float).reshape(
+            -1, given.shape[-1]
+        )
+        for given in (points, camera.normalise(pixels))
+    )
+    rays, tangents = _ray_tangents(path, coordinates)
+    to_point, to_camera, to_optic = (
+        np.empty((len(points), 2, size)) for size in (3, len(camera.lens), tangents.shape[1] - 2)
+    )
+    given = points, coordinates, camera.lens, rays, tangents
+    launch(kernels.pixel_tangents, len(points), *given, to_point, to_camera, to_optic)
     return PixelDerivatives(
-        pixels,
-        jacobian @ solve @ across,
-        to_lens + 0 * jacobian[..., :1],
-        -jacobian @ solve @ miss[..., 2:],
+        pixels, *(part.reshape(*shape, *part.shape[1:]) for part in (to_point, to_camera, to_optic))
     )
 
 
@@ -111,36 +113,15 @@ def lens_derivatives(camera: Camera, coordinates: np.ndarray) -> tuple[np.ndarra
     return jacobian, np.stack([np.stack(lens_x, -1), np.stack(lens_y, -1)], -2)
 
 
-def _ray_tangents(path, coordinates, with_rays=False):
-    """Tangents (..., 6, 2 + P) of rays to coordinates (..., 2) and optic, with the rays (..., 6) if wanted."""
+def _ray_tangents(path, coordinates):
+    """Rays (N, 6) of normalised coordinates (N, 2), and their tangents (N, 2 + P, 6) to those and the optic."""
     from . import kernels
 
     names = len(path.parameter_names)
     derivatives = np.zeros((0, len(path.interfaces), 5)) if path.derivatives is None else path.derivatives
-    flat = np.ascontiguousarray(coordinates, dtype=float).reshape(-1, 2)
-    rays, tangents = np.empty((len(flat), 6)), np.empty((len(flat), 2 + names, 6))
+    rays, tangents = np.empty((len(coordinates), 6)), np.empty((len(coordinates), 2 + names, 6))
+    indices = path.index_start, path.index_end
     launch(
-        kernels.ray_tangents,
-        len(flat),
-        flat,
-        path.index_start,
-        path.index_end,
-        path.packed.planes,
-        derivatives,
-        rays,
-        tangents,
+        kernels.ray_tangents, len(coordinates), coordinates, *indices, path.packed.planes, derivatives, rays, tangents
     )
-    tangents = np.swapaxes(tangents, -1, -2).reshape(*coordinates.shape[:-1], 6, 2 + names)
-    return (rays.reshape(*coordinates.shape[:-1], 6), tangents) if with_rays else tangents
-
-
-def _across(directions):
-    """Two unit vectors (..., 2, 3) square to each direction (..., 3) and to each other."""
-    x, y, z = np.moveaxis(directions, -1, 0)
-    # Duff et al. 2017, Building an orthonormal basis, revisited, listing 3
-    sign = np.copysign(1.0, z)
-    a = -1 / (sign + z)
-    b = x * y * a
-    first = np.stack([1 + sign * x * x * a, sign * b, -sign * x], -1)
-    second = np.stack([b, sign + y * y * a, -y], -1)
-    return np.stack([first, second], -2)
+    return rays, tangents

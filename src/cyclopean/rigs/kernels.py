@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from ..cameras.kernels import is_straight, normalise_one, pixel_one
+from ..cameras.kernels import distort_one, is_straight, normalise_one, pixel_one
 from ..optics.kernels import (
     CHUNK,
     LANES,
@@ -221,7 +221,8 @@ def project_points(points, aim, seeds, lens, fold, limits, index, planes, first_
     """Pixels out (N, 2) at which points (N, 3) are seen; NaN where they are not.
 
     aim (7, 3) is the virtual camera that Newton starts from: its centre, its axes as rows, and a homography
-    from its coordinates to the normalised ones. limits (4,) are the smallest and largest x and y of the image.
+    from its coordinates to the normalised ones. limits (5,) are the smallest and largest x and y of the image,
+    and the smallest clearance (mm) from the bounds of the path.
     """
     frame = aim[1:4]
     count = points.shape[0]
@@ -238,7 +239,7 @@ def project_points(points, aim, seeds, lens, fold, limits, index, planes, first_
                     break
             for i in range(min(LANES, count - start)):
                 solved = b[MOVE + i] < STEP_SQUARED
-                seen = b[MARGIN + i] >= 0
+                seen = b[MARGIN + i] >= limits[4]
                 out[start + i, 0] = b[X + i] if solved and seen else (np.nan if solved else np.inf)
                 out[start + i, 1] = b[Y + i]
         for i in range(chunk * CHUNK, end):
@@ -277,3 +278,71 @@ def ray_tangents(coordinates, index, index_end, planes, plane_tangents, out_rays
                 out_rays[i, c], out_rays[i, 3 + c] = p[c], v[c] / index_end
                 for j in range(2 + parameters):
                     out_tangents[i, j, c], out_tangents[i, j, 3 + c] = tp[j, c], tv[j, c] / index_end
+
+
+@njit(**OPTIONS)
+def across_one(d, out):
+    """Two unit vectors out (2, 3) square to the unit vector d (3,) and to each other.
+
+    Duff et al. 2017, Building an orthonormal basis, revisited, listing 3.
+    """
+    sign = math.copysign(1.0, d[2])
+    a = -1 / (sign + d[2])
+    b = d[0] * d[1] * a
+    out[0, 0], out[0, 1], out[0, 2] = 1 + sign * d[0] * d[0] * a, sign * b, -sign * d[0]
+    out[1, 0], out[1, 1], out[1, 2] = b, sign + d[1] * d[1] * a, -d[1]
+
+
+@njit(**OPTIONS)
+def lens_one(x, y, lens, out):
+    """Derivatives out (2, 9) of a pixel to the lens, at normalised coordinates x, y."""
+    fx, fy = lens[0], lens[1]
+    xd, yd, _, _, _ = distort_one(x, y, lens)
+    r2 = x * x + y * y
+    out[:] = 0.0
+    out[0, 0], out[1, 1], out[0, 2], out[1, 3] = xd, yd, 1.0, 1.0
+    power = r2
+    for column in (4, 5, 8):
+        out[0, column], out[1, column] = fx * x * power, fy * y * power
+        power *= r2
+    out[0, 6], out[1, 6] = fx * 2 * x * y, fy * (r2 + 2 * y * y)
+    out[0, 7], out[1, 7] = fx * (r2 + 2 * x * x), fy * 2 * x * y
+
+
+@njit(parallel=True, **OPTIONS)
+def pixel_tangents(points, coordinates, lens, rays, tangents, to_point, to_lens, to_optic):
+    """How pixels move with point (N, 2, 3), lens (N, 2, 9) and P parameters (N, 2, P).
+
+    points (N, 3) are seen at coordinates (N, 2), by rays (N, 6) with tangents (N, 2 + P, 6). The ray passes
+    through the point: its miss, across the ray, is zero. The implicit function theorem turns derivatives of the
+    miss into derivatives of the pixel. NaN where there is no pixel.
+    """
+    count, parameters = points.shape[0], to_optic.shape[2]
+    for chunk in prange((count + CHUNK - 1) // CHUNK):
+        across, miss, move = np.empty((2, 3)), np.empty((2 + parameters, 2)), np.empty((2, 2))
+        for i in range(chunk * CHUNK, min(count, (chunk + 1) * CHUNK)):
+            x, y = coordinates[i, 0], coordinates[i, 1]
+            if not abs(x + y) < np.inf:
+                to_point[i], to_lens[i], to_optic[i] = np.nan, np.nan, np.nan
+                continue
+            direction = rays[i, 3:]
+            across_one(direction, across)
+            distance = 0.0
+            for c in range(3):
+                distance += (points[i, c] - rays[i, c]) * direction[c]
+            for j in range(2 + parameters):
+                for r in range(2):
+                    miss[j, r] = 0.0
+                    for c in range(3):
+                        miss[j, r] += across[r, c] * (tangents[i, j, c] + distance * tangents[i, j, 3 + c])
+            _, _, xx, xy, yy = distort_one(x, y, lens)
+            inverse = 1 / (miss[0, 0] * miss[1, 1] - miss[0, 1] * miss[1, 0])
+            for r in range(2):  # move = lens Jacobian @ inverse of the miss's Jacobian to the coordinates
+                a, b = (lens[0] * xx, lens[0] * xy) if r == 0 else (lens[1] * xy, lens[1] * yy)
+                move[r, 0] = (a * miss[1, 1] - b * miss[0, 1]) * inverse
+                move[r, 1] = (b * miss[0, 0] - a * miss[1, 0]) * inverse
+                for c in range(3):
+                    to_point[i, r, c] = move[r, 0] * across[0, c] + move[r, 1] * across[1, c]
+                for j in range(parameters):
+                    to_optic[i, r, j] = -(move[r, 0] * miss[2 + j, 0] + move[r, 1] * miss[2 + j, 1])
+            lens_one(x, y, lens, to_lens[i])

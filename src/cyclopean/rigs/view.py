@@ -22,10 +22,35 @@ DEFAULT_MARGIN = 1.5  # px: a pixel on the seam mixes both sides, and so does th
 class ViewLike(Protocol):
     """What every step asks of a view."""
 
-    name: str
-    shot: int
-    channel: int | None
-    mirrored: bool
+    @property
+    def name(self) -> str:
+        """What to call it."""
+        ...
+
+    @property
+    def shot(self) -> int:
+        """Which exposure it belongs to, for optics that move."""
+        ...
+
+    @property
+    def channel(self) -> int | None:
+        """Which colour channel it belongs to; None: all."""
+        ...
+
+    @property
+    def mirrored(self) -> bool:
+        """True when an odd number of mirrors flips the picture."""
+        ...
+
+    @property
+    def margin(self) -> float:
+        """Pixels left out beside seams."""
+        ...
+
+    @property
+    def camera(self) -> Camera:
+        """The camera whose photograph the pixels belong to; its lens is the view's own where it has one."""
+        ...
 
     @property
     def region(self) -> Region:
@@ -40,6 +65,22 @@ class ViewLike(Protocol):
         """Points (..., 3) mm -> pixels (..., 2), NaN where the view does not see a point."""
         ...
 
+    def pixel_derivatives(self, points: ArrayLike) -> PixelDerivatives:
+        """Pixels of points (..., 3) with their derivatives."""
+        ...
+
+    def unbounded(self) -> ViewLike:
+        """The same view without borders."""
+        ...
+
+    def explain_pixels(self, pixels: ArrayLike) -> np.ndarray:
+        """The `Reason` (...,) why a pixel has no ray; 0 where it has one."""
+        ...
+
+    def explain_points(self, points: ArrayLike) -> np.ndarray:
+        """The `Reason` (...,) why a point has no pixel; 0 where it has one."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class View:
@@ -51,7 +92,8 @@ class View:
     name: str = ""
     shot: int = 0  # which exposure, for optics that move
     channel: int | None = None  # which colour channel; None: all
-    clip: bool = field(default=True, repr=False)  # False only in what `unbounded` returns
+    clip: bool = field(default=True, repr=False)  # False only in what `unbounded` and `continued` return
+    backwards: bool = field(default=False, repr=False)  # True only in what `continued` returns
 
     @property
     def mirrored(self) -> bool:
@@ -141,6 +183,16 @@ class View:
         view.__dict__["_aim"] = self._aim  # it sees what this view sees, and more
         return view
 
+    def continued(self, camera: Camera, path: Path) -> View:
+        """A view along a similar path, for solvers: it projects smoothly even where no real light would go.
+
+        Surfaces have no end, and light may run backwards from one to the next, as it does in a prism whose
+        facets have moved through its flat face. Projections start from this view's, so nothing is traced now.
+        """
+        view = replace(self, camera=camera, path=path.unbounded(), clip=False, backwards=True)
+        view.__dict__["_aim"] = self._aim
+        return view
+
     def explain_pixels(self, pixels: ArrayLike) -> np.ndarray:
         """The `Reason` (integer array (...,)) why each pixel (..., 2) has no ray in this view; 0 where it has one."""
         pixels = as_pixels(pixels)
@@ -179,7 +231,8 @@ class View:
     @cached_property
     def _limits(self) -> np.ndarray:
         width, height = self.camera.size
-        return np.array([-0.5, width - 0.5, -0.5, height - 0.5] if self.clip else [-np.inf, np.inf] * 2)
+        borders = [-0.5, width - 0.5, -0.5, height - 0.5] if self.clip else [-np.inf, np.inf] * 2
+        return np.array([*borders, -np.inf if self.backwards else 0.0])
 
     @cached_property
     def _aim(self) -> tuple[np.ndarray, np.ndarray]:
