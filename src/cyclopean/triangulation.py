@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from .errors import ShapeError
 from .geometry import Rays, nearest_point
-from .rigs.view import View
+from .rigs import ViewLike
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class Points:
     views: np.ndarray  # (...,) int, how many views were used
 
 
-def triangulate(views: Sequence[View], pixels: ArrayLike, sigma: float = 0.1) -> Points:
+def triangulate(views: Sequence[ViewLike], pixels: ArrayLike, sigma: float = 0.1) -> Points:
     """The points that explain corresponding pixels best.
 
     Starts from the point nearest to the rays, each weighted by its distance, and then minimises the
@@ -73,7 +73,7 @@ def triangulate(views: Sequence[View], pixels: ArrayLike, sigma: float = 0.1) ->
 
 
 def point_covariance(
-    views: Sequence[View], points: ArrayLike, sigma: float | np.ndarray = 0.1, seen: ArrayLike | None = None
+    views: Sequence[ViewLike], points: ArrayLike, sigma: float | np.ndarray = 0.1, seen: ArrayLike | None = None
 ) -> np.ndarray:
     """Covariance (..., 3, 3) mm^2 of points (..., 3) that views see with noise of `sigma` px a coordinate.
 

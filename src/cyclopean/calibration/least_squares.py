@@ -379,7 +379,10 @@ def _scaled(matrix):
 
 def _solve(matrix, vector):
     even, scale = _scaled(matrix)
-    return scale * (np.linalg.pinv(even, rcond=1e-14, hermitian=True) @ (scale * vector))
+    try:
+        return scale * np.linalg.solve(even, scale * vector)
+    except np.linalg.LinAlgError:
+        return scale * (np.linalg.pinv(even, rcond=1e-14, hermitian=True) @ (scale * vector))
 
 
 def _inverse(matrix):

@@ -1,6 +1,7 @@
 """Setups, and the rigs of views that they give."""
 
 from .derivatives import PixelDerivatives, RayDerivatives
+from .pinhole import PinholeView, pinhole_rig
 from .regions import Region
 from .rig import Rig
 from .setup import Setup
@@ -8,6 +9,7 @@ from .view import View, ViewLike
 from .virtual import VirtualCamera, fit, sketch
 
 __all__ = [
+    "PinholeView",
     "PixelDerivatives",
     "RayDerivatives",
     "Region",
@@ -17,5 +19,6 @@ __all__ = [
     "ViewLike",
     "VirtualCamera",
     "fit",
+    "pinhole_rig",
     "sketch",
 ]

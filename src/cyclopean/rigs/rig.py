@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike
 
 from ..errors import OpticError
 from ..geometry import as_points
-from .view import View
+from .view import ViewLike
 
 
 @dataclass(frozen=True, eq=False)
 class Rig(Sequence):
     """Views in the order of the optic's facets."""
 
-    views: tuple[View, ...]
+    views: tuple[ViewLike, ...]
 
     def __post_init__(self):
         if not self.views:
@@ -30,7 +30,7 @@ class Rig(Sequence):
     def __getitem__(self, index):
         return Rig(self.views[index]) if isinstance(index, slice) else self.views[index]
 
-    def __iter__(self) -> Iterator[View]:
+    def __iter__(self) -> Iterator[ViewLike]:
         return iter(self.views)
 
     @property
@@ -76,6 +76,9 @@ class Rig(Sequence):
         start = max(float(np.nanmax(self._sample_rays.origins[..., 2])), 1.0)
         depths = start * np.geomspace(1.02, 300, 240)
         useful = np.array([self._is_useful(depth) for depth in depths])
+        if useful[-1] or not useful.any():  # rays that start at the pinhole say nothing about the scale
+            depths = np.concatenate([depths, depths[1:] * (depths[-1] / depths[0])])
+            useful = np.append(useful, [self._is_useful(depth) for depth in depths[240:]])
         if not useful.any():
             raise OpticError(
                 "no depth is seen well by two views: the views do not overlap, or their baseline is too short; "

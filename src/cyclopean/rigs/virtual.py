@@ -18,7 +18,7 @@ from ..geometry import (
     shortest_rotation,
     shortest_segment,
 )
-from .view import View
+from .view import ViewLike
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class VirtualCamera:
 
 
 def sketch(
-    view: View, depths: tuple[float, float], boundary: Literal["middle", "edge"] | ArrayLike = "middle"
+    view: ViewLike, depths: tuple[float, float], boundary: Literal["middle", "edge"] | ArrayLike = "middle"
 ) -> VirtualCamera:
     """Virtual camera by ray sketching: from two traced rays, without any calibration.
 
@@ -84,26 +84,30 @@ def sketch(
     ----------
     Xiao, thesis (National University of Singapore), sections 4.1.3, 5.1.2 and 6.1.2.
     """
+    camera, pose = sketched(view, boundary_pixel(view, boundary))
+    name = boundary if isinstance(boundary, str) else "pixel"
+    return _qualified(view, camera, pose, f"ray sketch, {name} ray", depths)
+
+
+def sketched(view: ViewLike, rim: np.ndarray) -> tuple[Camera, Pose]:
+    """What `sketch` finds with the ray of a boundary pixel `rim` (2,): lens, and pose camera_from_rig."""
     centre_pixel = np.asarray(view.camera.centre)
-    boundary_pixel = _boundary_pixel(view, boundary)
-    axis_ray, boundary_ray = (view.unbounded().rays(pixel) for pixel in (centre_pixel, boundary_pixel))
+    axis_ray, boundary_ray = (view.unbounded().rays(pixel) for pixel in (centre_pixel, rim))
     if not (np.isfinite(axis_ray.directions).all() and np.isfinite(boundary_ray.directions).all()):
         raise OpticError(f"ray sketching of {view.name}: the axis ray or the boundary ray is lost in the optic")
     centre = np.mean(shortest_segment(axis_ray, boundary_ray), axis=0)
     if not np.isfinite(centre).all():
         raise OpticError(f"ray sketching of {view.name}: the axis ray and the boundary ray are parallel")
     angle = np.arccos(np.clip(axis_ray.directions @ boundary_ray.directions, -1, 1))
-    offset = np.linalg.norm(view.camera.normalise(boundary_pixel))  # tangent of the angle before the optic
+    offset = np.linalg.norm(view.camera.normalise(rim))  # tangent of the angle before the optic
     focal = float(offset * view.camera.focal[0] / np.tan(angle))
     focals = (focal, focal * view.camera.focal[1] / view.camera.focal[0])
     rotation = _roll_like(view, axis_ray, centre_pixel)
     camera = Camera(view.camera.size, focals, view.camera.centre, view.camera.distortion)
-    pose = Pose(rotation, -rotation @ centre)
-    name = boundary if isinstance(boundary, str) else "pixel"
-    return _qualified(view, camera, pose, f"ray sketch, {name} ray", depths)
+    return camera, Pose(rotation, -rotation @ centre)
 
 
-def fit(view: View, depths: tuple[float, float], distortion: bool = True, samples: int = 12) -> VirtualCamera:
+def fit(view: ViewLike, depths: tuple[float, float], distortion: bool = True, samples: int = 12) -> VirtualCamera:
     """Virtual camera that fits the view's true rays best, in px, between two depths.
 
     Parameters
@@ -140,16 +144,16 @@ def fit(view: View, depths: tuple[float, float], distortion: bool = True, sample
         camera, pose = unpack(x)
         local = pose @ points * ([-1, 1, 1] if view.mirrored else [1, 1, 1])
         flat = local[:, :2] / local[:, 2:]
-        return (_distorted(flat, camera) - pixels).ravel()
+        return (distorted(flat, camera) - pixels).ravel()
 
     solution = least_squares(residuals, np.zeros(count), method="lm", x_scale="jac")
     camera, pose = unpack(solution.x)
     return _qualified(view, camera, pose, "best fit with distortion" if distortion else "best fit", depths)
 
 
-def _distorted(flat, camera):
-    """`Camera.denormalise` without its guard against folding, smooth for a solver."""
-    x, y = flat.T
+def distorted(flat: np.ndarray, camera: Camera) -> np.ndarray:
+    """`Camera.denormalise`, (..., 2) to (..., 2), without its guard against folding: smooth for a solver."""
+    x, y = flat[..., 0], flat[..., 1]
     k1, k2, p1, p2, k3 = camera.distortion
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -189,7 +193,7 @@ def _qualified(view, camera, pose, method, depths):
     return VirtualCamera(camera, pose, view.mirrored, method, tuple(depths), rms, largest)
 
 
-def _boundary_pixel(view, boundary):
+def boundary_pixel(view, boundary):
     if not isinstance(boundary, str):
         return np.asarray(boundary, dtype=float)
     if boundary not in ("middle", "edge"):

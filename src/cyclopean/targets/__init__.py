@@ -1,5 +1,7 @@
 """Targets: known objects, and where photographs show them."""
 
+from .boards import Board, PointTarget
+from .detection import Sighting, find_board, observe
 from .observations import DIRECT, Observations, Target
 
-__all__ = ["DIRECT", "Observations", "Target"]
+__all__ = ["Board", "PointTarget", "find_board", "observe", "Sighting", "DIRECT", "Observations", "Target"]
