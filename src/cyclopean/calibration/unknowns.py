@@ -203,5 +203,5 @@ def _check_tolerances(tolerances, full):
     for name, spread in tolerances.items():
         if name not in GROUPS and name not in full and name != TIED_FOCAL:
             raise SetupError(f"a tolerance is given for {name!r}, which this setup does not have: {', '.join(full)}")
-        if not spread > 0:
-            raise SetupError(f"the tolerance of {name} must be a positive standard deviation, got {spread}")
+        if not 0 < spread < np.inf:
+            raise SetupError(f"the tolerance of {name} must be a positive, finite standard deviation, got {spread}")

@@ -1,0 +1,81 @@
+"""Boards in the renderer's photographs: true corners with noise, or corners that our own detector finds."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from cyclopean import read_photograph
+from cyclopean.targets import Board, Observations, observe
+
+from .data import data_folder, renderer_setup
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Observations of one set of photographs, and what is true about them."""
+
+    board: Board
+    observations: Observations
+    truth: np.ndarray  # (N, 2) px, true pixel of each row; NaN where the renderer knows none
+    depths: np.ndarray  # (B,) mm, of the plane in `targets_*`; NaN elsewhere
+    visible: int  # true corners in all photographs together
+    notes: tuple[str, ...] = ()
+
+
+def renderer_corners(name: str, noise: float = 0.0, seed: int = 1) -> Corners:
+    """True corners of a set of photographs, such as `calib_n3`, with Gaussian noise of so many px."""
+    board, views, truth = _set(name)
+    rng = np.random.default_rng(seed)
+    pixels = truth["uv"] + rng.normal(0, noise, truth["uv"].shape) if noise else truth["uv"]
+    observations = Observations(
+        truth["view"], truth["facet"], truth["corner_id"], pixels, tuple(view["file"] for view in views), 0.05
+    )
+    return Corners(board, observations, truth["uv"], _depths(views), len(truth["uv"]))
+
+
+@cache
+def detected_corners(name: str) -> Corners:
+    """What our detector finds in a set of photographs, looking in the renderer's true sub-images."""
+    board, views, truth = _set(name)
+    folder = data_folder("mitsuba") / name
+    photographs = [(view["file"], read_photograph(folder / view["file"])) for view in views]
+    masks = None if name == "camera_only" else renderer_setup(rig_of(name)).rig().masks
+    observations, notes = observe(photographs, board, masks)
+    known = {
+        (int(v), int(f), int(c)): uv
+        for v, f, c, uv in zip(truth["view"], truth["facet"], truth["corner_id"], truth["uv"], strict=True)
+    }
+    rows = zip(observations.photo, observations.view, observations.point, strict=True)
+    found = np.array([known.get((int(p), int(v), int(c)), (np.nan, np.nan)) for p, v, c in rows])
+    return Corners(board, observations, found, _depths(views), len(truth["uv"]), tuple(notes))
+
+
+def rig_of(name: str) -> str:
+    """The rig that took a set: `n3_pose` of `calib_n3_pose`."""
+    rig = name.split("_", 1)[1]
+    return rig.removesuffix("_chroma").removesuffix("_ghosts")
+
+
+def _set(name):
+    folder = data_folder("mitsuba") / name
+    described = json.loads((folder / "views.json").read_text())
+    given = described["board"]
+    board = Board(
+        "charuco",
+        given["squares_x"],
+        given["squares_y"],
+        given["square"],
+        given["marker"],
+        given["dictionary"],
+        given.get("legacy_pattern", False),
+    )
+    with np.load(folder / "corners.npz") as truth:
+        return board, described["views"], {key: truth[key] for key in ("view", "facet", "corner_id", "uv")}
+
+
+def _depths(views):
+    return np.array([view.get("depth_mm", np.nan) for view in views], dtype=float)
