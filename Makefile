@@ -30,7 +30,7 @@ layers: $(INSTALLED_DEV)
 
 bench: $(INSTALLED_DEV)
 	set -e; for script in $$(grep -l '^if __name__ == "__main__"' benchmarks/*.py); do \
-	    echo "== $$script"; $(BIN)/python $$script; done
+	    name=$$(basename $$script .py); echo "== $$name"; $(BIN)/python -m benchmarks.$$name; done
 
 lock:
 	uv pip compile --quiet --universal --generate-hashes --no-header --no-annotate --upgrade \

@@ -9,9 +9,9 @@ import json
 
 import cv2
 import numpy as np
-from data import data_folder, renderer_setup
-from results import table, write
 
+from benchmarks.data import data_folder, renderer_setup
+from benchmarks.results import table, write
 from cyclopean import Camera
 
 SETS = {

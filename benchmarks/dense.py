@@ -1,6 +1,6 @@
 """Dense depth of photographs with known truth, beside OpenCV's, in one run.
 
-    python benchmarks/dense.py [SCENE ...] [--full]
+    python -m benchmarks.dense [SCENE ...] [--full]
 
 Photographs and true depths are those of `mitsuba/scenes`, rendered by other people's code; ours and the peer
 both get the true setup. Ours searches 600 to 1600 mm. The peer (`sgbm.py`: pinholes, rectification, StereoSGBM
@@ -35,11 +35,11 @@ from itertools import permutations
 
 import cv2
 import numpy as np
-import sgbm
-from data import data_folder, renderer_setup
-from results import table, write
 from rich.progress import Progress
 
+from benchmarks import sgbm
+from benchmarks.data import data_folder, renderer_setup
+from benchmarks.results import table, write
 from cyclopean import Camera, Rig, Setup, reconstruct
 
 DEPTHS = (600.0, 1600.0)  # mm, that ours searches

@@ -1,6 +1,6 @@
 """How fast we trace rays and project points through glass, beside other packages, in one run.
 
-    python benchmarks/optics.py
+    python -m benchmarks.optics
 
 Tracing: 1e6 pixels of one view of a biprism (10 degrees, index 1.5168) become rays behind the glass; the
 others start from unit vectors. Projecting: 1e6 points become pixels, through the same glass or, for packages
@@ -31,7 +31,8 @@ from pathlib import Path  # noqa: E402
 
 import numpy as np  # noqa: E402
 from numba import njit, prange  # noqa: E402
-from peers import (  # noqa: E402
+
+from benchmarks.peers import (  # noqa: E402
     TRACING,
     Contender,
     Layers,
@@ -41,7 +42,7 @@ from peers import (  # noqa: E402
     optv_projecting,
     trace,
 )
-from results import table, write  # noqa: E402
+from benchmarks.results import table, write  # noqa: E402
 
 APEX_DEG, INDEX, WATER, DISTANCE, THICKNESS = 10.0, 1.5168, 1.333, 60.0, 10.0
 CAMERA = Pinhole(focal=(2400.0, 2400.0), centre=(639.5, 479.5), size=(1280, 960))

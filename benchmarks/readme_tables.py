@@ -1,6 +1,6 @@
 """Write the tables of README.md from the stored figures, so that none is typed by hand.
 
-    python benchmarks/readme_tables.py [--check] [FILE]
+    python -m benchmarks.readme_tables [--check] [FILE]
 
 A line `<!-- table: NAME -->` and the next line `<!-- end -->` stand around each table; what is between them is
 replaced by the table NAME (`accuracy`, `dense` or `optics`) of results/NAME.json. --check writes nothing, and
@@ -90,7 +90,7 @@ def main() -> None:
     old = chosen.file.read_text()
     new = filled(old)
     if chosen.check and new != old:
-        raise SystemExit(f"{chosen.file.name} does not show the stored figures; run python benchmarks/readme_tables.py")
+        raise SystemExit(f"{chosen.file.name} does not show the stored figures; run python -m benchmarks.readme_tables")
     if not chosen.check:
         chosen.file.write_text(new)
 

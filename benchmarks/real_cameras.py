@@ -9,9 +9,9 @@ import json
 
 import cv2
 import numpy as np
-from data import data_folder
-from results import table, write
 
+from benchmarks.data import data_folder
+from benchmarks.results import table, write
 from cyclopean import Camera
 from cyclopean.calibration.tsai import TsaiCalibration, tsai
 from cyclopean.calibration.zhang import CameraCalibration, zhang

@@ -8,10 +8,9 @@ from functools import cache
 
 import numpy as np
 
+from benchmarks.data import data_folder, renderer_setup
 from cyclopean import read_photograph
 from cyclopean.targets import Board, Observations, observe
-
-from .data import data_folder, renderer_setup
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +20,7 @@ class Corners:
     board: Board
     observations: Observations
     truth: np.ndarray  # (N, 2) px, true pixel of each row; NaN where the renderer knows none
+    points: np.ndarray  # (N, 3) mm, true place of each row in the camera's frame
     depths: np.ndarray  # (B,) mm, of the plane in `targets_*`; NaN elsewhere
     visible: int  # true corners in all photographs together
     notes: tuple[str, ...] = ()
@@ -34,7 +34,7 @@ def renderer_corners(name: str, noise: float = 0.0, seed: int = 1) -> Corners:
     observations = Observations(
         truth["view"], truth["facet"], truth["corner_id"], pixels, tuple(view["file"] for view in views), 0.05
     )
-    return Corners(board, observations, truth["uv"], _depths(views), len(truth["uv"]))
+    return Corners(board, observations, truth["uv"], truth["xyz_cam"], _depths(views), len(truth["uv"]))
 
 
 @cache
@@ -45,13 +45,12 @@ def detected_corners(name: str) -> Corners:
     photographs = [(view["file"], read_photograph(folder / view["file"])) for view in views]
     masks = None if name == "camera_only" else renderer_setup(rig_of(name)).rig().masks
     observations, notes = observe(photographs, board, masks)
-    known = {
-        (int(v), int(f), int(c)): uv
-        for v, f, c, uv in zip(truth["view"], truth["facet"], truth["corner_id"], truth["uv"], strict=True)
-    }
-    rows = zip(observations.photo, observations.view, observations.point, strict=True)
-    found = np.array([known.get((int(p), int(v), int(c)), (np.nan, np.nan)) for p, v, c in rows])
-    return Corners(board, observations, found, _depths(views), len(truth["uv"]), tuple(notes))
+    keys = zip(truth["view"], truth["facet"], truth["corner_id"], strict=True)
+    known = {tuple(int(k) for k in key): row for row, key in enumerate(keys)}
+    found = zip(observations.photo, observations.view, observations.point, strict=True)
+    rows = np.array([known.get((int(p), int(v), int(c)), -1) for p, v, c in found])
+    pixels, points = (np.where(rows[:, None] >= 0, truth[key][rows], np.nan) for key in ("uv", "xyz_cam"))
+    return Corners(board, observations, pixels, points, _depths(views), len(truth["uv"]), tuple(notes))
 
 
 def rig_of(name: str) -> str:
@@ -74,7 +73,7 @@ def _set(name):
         given.get("legacy_pattern", False),
     )
     with np.load(folder / "corners.npz") as truth:
-        return board, described["views"], {key: truth[key] for key in ("view", "facet", "corner_id", "uv")}
+        return board, described["views"], {key: truth[key] for key in ("view", "facet", "corner_id", "uv", "xyz_cam")}
 
 
 def _depths(views):

@@ -20,9 +20,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from data import data_folder, renderer_setup
-from results import table
 
+from benchmarks.data import data_folder, renderer_setup
+from benchmarks.results import table
 from cyclopean import Rig, Setup, triangulate
 from cyclopean.calibration.field_point import field_point_test, separation, two_depths
 from cyclopean.calibration.virtual import calibrate_pairwise, calibrate_virtual

@@ -86,13 +86,14 @@ class Board:
 
     def __str__(self) -> str:
         what = {"apriltags": "tags", "charuco": "squares", "chessboard": "squares"}.get(self.kind, "circles")
-        said = f"{self.kind} board of {self.columns} x {self.rows} {what} of {self.marker_or_square:g} mm"
+        kind = self.kind if self.kind == "chessboard" else f"{self.kind.replace('_', ' ')} board"
+        said = f"{kind} of {self.columns} x {self.rows} {what} of {self.marker_or_square:g} mm"
         return f"{said}, {self.dictionary}" if self.dictionary else said
 
     @property
     def marker_or_square(self) -> float:
         """mm, the size by which one speaks of the pattern: that of a tag, else the square or spacing."""
-        return self.marker if self.kind == "apriltags" and self.marker else self.square
+        return self.side if self.kind == "apriltags" else self.square
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -107,7 +108,7 @@ class Board:
         columns, rows = self.grid
         column, row = (a.ravel() for a in np.meshgrid(np.arange(columns), np.arange(rows)))
         if self.kind == "apriltags":
-            corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (self.marker or 0.0)
+            corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * self.side
             xy = (np.stack([column, row], axis=-1)[:, None] * self.square + corners).reshape(-1, 2)
         elif self.kind == "asymmetric_circles":
             xy = np.stack([2 * column + row % 2, row], axis=-1) * self.square
@@ -121,6 +122,11 @@ class Board:
         return DICTIONARIES[self.dictionary][0] if self.dictionary else 0
 
     @property
+    def side(self) -> float:
+        """mm, of a marker; 0 for boards without markers."""
+        return self.marker if self.dictionary and self.marker is not None else 0.0
+
+    @property
     def diameter(self) -> float:
         """mm, of a circle."""
         return self.marker if self.marker is not None else self.square / 2
@@ -130,13 +136,13 @@ class Board:
         """Corners (M, 4, 2) mm of the markers 0, 1, ...: (0, 0), (1, 0), (1, 1), (0, 1) of each."""
         if self.kind == "apriltags":
             return self.points[:, :2].reshape(-1, 4, 2)
-        row, column = np.nonzero(self._white_squares)
-        first = np.stack([column, row], axis=-1) * self.square + (self.square - (self.marker or 0.0)) / 2
-        return first[:, None] + np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (self.marker or 0.0)
+        row, column = np.nonzero(self.white_squares)
+        first = np.stack([column, row], axis=-1) * self.square + (self.square - self.side) / 2
+        return first[:, None] + np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * self.side
 
     @property
-    def _white_squares(self) -> np.ndarray:
-        """(rows, columns) bool."""
+    def white_squares(self) -> np.ndarray:
+        """Which squares are white, (rows, columns) bool; they hold the markers of a charuco board."""
         row, column = np.indices((self.rows, self.columns))
         turned = self.legacy and self.rows % 2 == 0
         return (row + column) % 2 == (0 if turned else 1)
@@ -144,7 +150,7 @@ class Board:
     @cached_property
     def surroundings(self) -> Surroundings:
         """What lies around each point, for boards whose points are corners; tags with black squares between them."""
-        marker = self.marker or 0.0
+        marker = self.side
         border = marker / (self.bits + 2)
         if self.kind == "apriltags":
             count = self.columns * self.rows
@@ -152,7 +158,7 @@ class Board:
             white = np.array([[0, 1, 1, 0], [1, 0, 0, 1]] * 2, bool)
             extent = min(0.45 * marker, 0.9 * (self.square - marker))
             return Surroundings(np.tile(white, (count, 1)), np.tile(tag, (count, 1)), extent, clear=border)
-        squares = self._white_squares
+        squares = self.white_squares
         white = np.stack([squares[:-1, :-1], squares[:-1, 1:], squares[1:, :-1], squares[1:, 1:]], -1).reshape(-1, 4)
         if self.kind == "chessboard":
             return Surroundings(white, np.zeros_like(white), 0.45 * self.square)
@@ -220,9 +226,7 @@ def _check_counts(board):
         count = getattr(board, name)
         if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < least:
             why = " (they count squares, not inner corners)" if board.kind == "chessboard" else ""
-            raise SetupError(
-                f"{name} of a {board.kind} board must be a whole number, at least {least}{why}; got {count}"
-            )
+            raise SetupError(f"{name} of a {board.kind} must be a whole number, at least {least}{why}; got {count!r}")
 
 
 def _check_sizes(board):
@@ -232,9 +236,7 @@ def _check_sizes(board):
             raise SetupError(f"{name} must be a positive length in mm, got {size}")
     marked = board.kind in ("charuco", "apriltags")
     if marked and board.marker is None:
-        raise SetupError(
-            f"a {board.kind} board needs the side of its markers: marker = ... mm, smaller than the square"
-        )
+        raise SetupError(f"a {board.kind} board needs marker, the side of its markers in mm, smaller than its square")
     if board.kind == "chessboard" and board.marker is not None:
         raise SetupError("a chessboard has no markers: leave marker out, or take kind = 'charuco'")
     room = board.square * (math.sqrt(2) if board.kind == "asymmetric_circles" else 1.0)

@@ -21,7 +21,7 @@ def outline(board: Board) -> tuple[float, float, float, float]:
         left, top, right, bottom = 0.0, 0.0, board.columns * board.square, board.rows * board.square
     else:
         (left, top), (right, bottom) = board.points[:, :2].min(0), board.points[:, :2].max(0)
-        reach = board.square - (board.marker or 0.0) if board.kind == "apriltags" else board.diameter / 2
+        reach = board.square - board.side if board.kind == "apriltags" else board.diameter / 2
         left, top, right, bottom = left - reach, top - reach, right + reach, bottom + reach
     return left - margin, top - margin, right + margin, bottom + margin
 
@@ -49,14 +49,20 @@ def shade(board: Board, xy: np.ndarray) -> np.ndarray:
         return _tags(board, xy)
     cell = np.floor(xy / board.square).astype(int)
     inside = ((cell >= 0) & (cell < [board.columns, board.rows])).all(-1)
-    column, row = np.where(inside[..., None], cell, 0).transpose(-1, *range(xy.ndim - 1))
-    squares = board._white_squares
+    column, row = _indices(cell, inside)
+    squares = board.white_squares
     white = ~inside | squares[row, column]
     if board.kind == "charuco":
         numbers = np.cumsum(squares).reshape(squares.shape) - 1
-        from_marker = xy - cell * board.square - (board.square - board.marker) / 2
+        from_marker = xy - cell * board.square - (board.square - board.side) / 2
         white &= ~(inside & squares[row, column]) | _marker_white(board, numbers[row, column], from_marker)
     return white
+
+
+def _indices(cell, inside):
+    """Column and row of cells (..., 2), 0 for those outside."""
+    cell = np.where(inside[..., None], cell, 0)
+    return cell[..., 0], cell[..., 1]
 
 
 def _circles(board, xy):
@@ -71,8 +77,8 @@ def _circles(board, xy):
     for step in np.ndindex(2, 2):
         place = nearest + np.array(step)
         inside = ((place >= 0) & (place < [columns, rows])).all(-1)
-        column, row = np.where(inside[..., None], place, 0).transpose(-1, *range(xy.ndim - 1))
-        covered = np.linalg.norm(xy - place * board.square, axis=-1) < board.diameter / 2
+        column, row = _indices(place, inside)
+        covered = ((xy - place * board.square) ** 2).sum(-1) < (board.diameter / 2) ** 2
         white &= ~(inside & lattice[row, column] & covered)
     return white
 
@@ -81,10 +87,10 @@ def _tags(board, xy):
     """Tags at their pitch, and black squares that touch their corners, as Kalibr prints them."""
     cell = np.floor(xy / board.square).astype(int)
     inside = ((cell >= 0) & (cell < [board.columns, board.rows])).all(-1)
-    column, row = np.where(inside[..., None], cell, 0).transpose(-1, *range(xy.ndim - 1))
+    column, row = _indices(cell, inside)
     from_tag = xy - cell * board.square
     white = ~inside | _marker_white(board, row * board.columns + column, from_tag)
-    between = (from_tag > board.marker).all(-1)  # the square left and above a tag belongs to the cell before it
+    between = (from_tag > board.side).all(-1)  # the square left and above a tag belongs to the cell before it
     near = ((cell >= -1) & (cell < [board.columns, board.rows])).all(-1)
     return white & ~(between & near)
 
@@ -93,9 +99,9 @@ def _marker_white(board, numbers, from_marker):
     """Whether points (..., 2) mm from the markers' corners are white; outside the markers: yes."""
     modules = board.bits + 2
     pictures = marker_pictures(board.dictionary, modules, int(numbers.max(initial=0)) + 1)
-    module = np.floor(from_marker * (modules / board.marker)).astype(int)
+    module = np.floor(from_marker * (modules / board.side)).astype(int)
     inside = ((module >= 0) & (module < modules)).all(-1)
-    column, row = np.where(inside[..., None], module, 0).transpose(-1, *range(from_marker.ndim - 1))
+    column, row = _indices(module, inside)
     return ~inside | pictures[np.where(inside, numbers, 0), row, column]
 
 
