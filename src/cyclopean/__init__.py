@@ -12,9 +12,11 @@ import importlib
 __version__ = "0.1.0"
 
 _HOMES = {
+    "Board": "targets",
     "Camera": "cameras",
     "Mirror": "optics",
     "Mirrors": "optics",
+    "Observations": "targets",
     "Plate": "optics",
     "Prism": "optics",
     "Reason": "optics",
@@ -23,9 +25,11 @@ _HOMES = {
     "Setup": "rigs",
     "View": "rigs",
     "VirtualCamera": "rigs",
+    "calibrate": "calibration",
     "errors": "",
     "media": "optics",
     "medium": "optics",
+    "observe": "targets",
     "read_photograph": "files",
     "read_setup": "files",
     "reconstruct": "pipeline",
