@@ -71,7 +71,7 @@ def _figure_html(caption, figure):
 
 def _table_html(heading, columns, rows):
     def cell(value):
-        number = isinstance(value, (int, float)) or (isinstance(value, str) and value[:1].isdigit())
+        number = isinstance(value, (int, float)) or (isinstance(value, str) and value.lstrip("+-")[:1].isdigit())
         return f"<td{' class=number' if number else ''}>{html.escape(str(value))}</td>"
 
     head = "".join(f"<th>{html.escape(column)}</th>" for column in columns)
