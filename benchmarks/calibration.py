@@ -18,7 +18,7 @@ from functools import cache
 import cv2
 import numpy as np
 
-from benchmarks import mirrors_data, virtual_routes
+from benchmarks import mirrors_data, splitter, virtual_routes
 from benchmarks.data import renderer_setup
 from benchmarks.results import table, write
 from benchmarks.targets import Corners, detected_corners, renderer_corners
@@ -26,7 +26,9 @@ from cyclopean import Camera, Setup, triangulate
 from cyclopean.calibration import Calibration, calibrate
 from cyclopean.calibration.reflected_board import board_from_reflections
 from cyclopean.calibration.reflections import mirrors_from_observations
+from cyclopean.calibration.tsai import tsai
 from cyclopean.geometry import Pose
+from cyclopean.rigs import PinholeView, Region
 from cyclopean.targets import Board, Observations, together
 
 SETS = ("n2", "n3", "n4", "n5", "n3_pose", "n2_flip", "t2_b40", "t3_b40", "t4_b45")
@@ -295,13 +297,54 @@ def real_part() -> dict[str, float]:
         "real_lcm_two_mirrors_others_px": 0.653,
         "real_lcm_two_mirrors_angle_deg": float(np.degrees(np.arccos(abs(left @ right)))),
     }
+    figures |= splitter_figures()
     rows = [
+        ["ptv_splitter4: dots named in four views", figures["real_ptv_splitter4_dots"], 229.0],
+        ["ptv_splitter4: linear cameras, dots in 3 views or more, mm", figures["real_ptv_splitter4_linear_mm"], 0.20],
+        ["ptv_splitter4: Tsai with k1 k2 in each view, mm", figures["real_ptv_splitter4_tsai_mm"], 0.20],
+        [
+            "ptv_splitter4: the same, fitted to odd and tested on even dots, mm",
+            figures["real_ptv_splitter4_test_mm"],
+            0.25,
+        ],
         ["pycalib_mirror: mean distance px", figures["real_pycalib_mirror_mean_px"], 0.6401],
         ["lcm_two_mirrors: rms px", figures["real_lcm_two_mirrors_rms_px"], 0.653],
         ["lcm_two_mirrors: angle of the mirrors, deg", figures["real_lcm_two_mirrors_angle_deg"], 89.96],
     ]
     table("Real photographs", ["", "ours", "others"], rows)
     return figures
+
+
+def splitter_figures() -> dict[str, float]:
+    """One camera behind a mirror splitter: each view by Tsai's method, then dots of a block triangulated."""
+    points, rows = splitter.splitter_observations()
+    linear = splitter.linear_figures(points, rows)
+    everything = np.ones(len(rows["view"]), dtype=bool)
+    odd = rows["point"] % 2 == 1
+    return {
+        "real_ptv_splitter4_dots": float(len(rows["view"])),
+        "real_ptv_splitter4_linear_mm": linear["rms_mm"],
+        "real_ptv_splitter4_tsai_mm": _splitter_error(points, rows, everything, everything),
+        "real_ptv_splitter4_test_mm": _splitter_error(points, rows, odd, ~odd),
+    }
+
+
+def _splitter_error(points, rows, fitted, tested):
+    """Error (mm) of tested dots that three views or more see, with cameras from the fitted ones."""
+    views = []
+    for number, corner in enumerate(splitter.QUADRANTS):
+        mine = fitted & (rows["view"] == number)
+        centre = np.add(corner, 255.5)
+        found = tsai(points[rows["point"][mine]], rows["pixels"][mine], (1024, 1024), centre=centre, distortion=2)
+        lens = found.camera.brown((*corner, 512, 512)).camera
+        everywhere = Region(np.ones((1024, 1024), dtype=bool), 0.0)
+        views.append(PinholeView(lens, found.camera_from_target, everywhere, name=f"view {number}"))
+    numbers, row = np.unique(rows["point"][tested], return_inverse=True)
+    pixels = np.full((len(numbers), len(views), 2), np.nan)
+    pixels[row, rows["view"][tested]] = rows["pixels"][tested]
+    three = np.isfinite(pixels[..., 0]).sum(-1) >= 3
+    placed = triangulate(views, pixels[three]).points
+    return float(np.sqrt(np.nanmean(np.sum((placed - points[numbers[three]]) ** 2, axis=-1))))
 
 
 def speed_part() -> dict[str, float]:
