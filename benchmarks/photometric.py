@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+
 from benchmarks.data import data_folder, renderer_setup
 from benchmarks.results import table
-
 from cyclopean import Rig, Setup, triangulate
 from cyclopean.calibration.photometric import align, refine
 from cyclopean.calibration.physical import calibrate

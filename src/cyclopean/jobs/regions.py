@@ -28,6 +28,7 @@ def find_regions(photos: Sequence[Path], views: int | None, setup_file: Path | N
     folder = output_folder(output)
     with progress_bars() as progress:
         seams = find_seams(photographs, views, progress)
+    console.print(headline(seams))
     console.print(seams_table(seams))
     if seams.message:
         console.print(f"warning: {seams.message}", style="yellow")
@@ -56,15 +57,17 @@ def _read(path, size, first):
     return photograph
 
 
+def headline(seams: Seams) -> str:
+    """What was found, in one line."""
+    place = f"({seams.apex[0]:.1f}, {seams.apex[1]:.1f}) px"
+    where = f"one seam, through {place}" if len(seams) == 2 else f"seams meet at {place}"
+    band = f"; both sides mix over {seams.band:.0f} px" if np.isfinite(seams.band) else ""
+    return f"{len(seams)} sub-images; {where}; confidence {seams.confidence:.2f}{band}"
+
+
 def seams_table(seams: Seams) -> Table:
     """One row for each sub-image."""
-    apex = f"seams meet at ({seams.apex[0]:.1f}, {seams.apex[1]:.1f}) px"
-    if len(seams) == 2:
-        apex = f"one seam, through ({seams.apex[0]:.1f}, {seams.apex[1]:.1f}) px"
-    title = f"{len(seams)} sub-images; {apex}; confidence {seams.confidence:.2f}"
-    if np.isfinite(seams.band):
-        title += f"; both sides mix over {seams.band:.0f} px"
-    table = Table("view", "from (deg)", "to (deg)", "share (%)", box=None, title=title, title_justify="left")
+    table = Table("view", "from (deg)", "to (deg)", "share (%)", box=None)
     for k, ((begin, end), share) in enumerate(zip(np.degrees(seams.sectors), seams.shares, strict=True)):
         table.add_row(str(k), f"{begin:.2f}", f"{end:.2f}", f"{100 * share:.1f}")
     return table

@@ -103,6 +103,8 @@ def line_sums(pictures: Sequence[np.ndarray], apexes: np.ndarray, progress=None)
             behind = _sampled(running, places)
             whole = _sampled(running, np.stack([np.full(len(places), side - 1.0), places[:, 1]], -1))
             sums[mixture, j], sums[mixture, j + DIRECTIONS] = whole - behind, behind
+    if progress is not None:
+        progress("searching seams", DIRECTIONS, DIRECTIONS)
     return sums
 
 
