@@ -18,7 +18,7 @@ from functools import cache
 import cv2
 import numpy as np
 
-from benchmarks import mirrors_data, splitter, virtual_routes
+from benchmarks import mirrors_data, photometric, splitter, virtual_routes
 from benchmarks.data import renderer_setup
 from benchmarks.results import table, write
 from benchmarks.targets import Corners, detected_corners, renderer_corners
@@ -315,6 +315,18 @@ def real_part() -> dict[str, float]:
     return figures
 
 
+def photometric_part() -> dict[str, float]:
+    """What aligning the print itself gains over fitted corners: depth of the thesis's planes."""
+    rows, figures = [], {}
+    for rig in THESIS:
+        row = photometric.depth_row(rig)
+        figures |= {f"photometric_{rig}_{key}_rms_percent": value for key, value in row.items()}
+        rows.append([rig, *row.values()])
+    heads = ["rig", "true, before", "after", "calibrated, before", "after", "whole board, true", "calibrated"]
+    table("Photometric alignment: rms error of depth, %", heads, rows)
+    return figures
+
+
 def splitter_figures() -> dict[str, float]:
     """One camera behind a mirror splitter: each view by Tsai's method, then dots of a block triangulated."""
     points, rows = splitter.splitter_observations()
@@ -449,6 +461,7 @@ PARTS = {
     "camera": camera_part,
     "one": one_part,
     "thesis": thesis_part,
+    "photometric": photometric_part,
     "real": real_part,
     "speed": speed_part,
 }

@@ -26,8 +26,8 @@ from benchmarks.results import table
 from cyclopean import Rig, Setup, triangulate
 from cyclopean.calibration.field_point import field_point_test, separation, two_depths
 from cyclopean.calibration.virtual import calibrate_pairwise, calibrate_virtual
-from cyclopean.calibration.virtual_frame import aligned, rigid_motion
-from cyclopean.geometry import Pose
+from cyclopean.calibration.virtual_frame import aligned
+from cyclopean.geometry import Pose, rigid_motion
 from cyclopean.rigs import fit, pinhole_rig, sketch
 from cyclopean.targets import Observations
 

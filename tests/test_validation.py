@@ -9,9 +9,9 @@ from board_views import BOARD, NOISE, POSES, Grid, observe_exactly, pose_at, pri
 
 from benchmarks.data import renderer_setup
 from cyclopean.calibration.physical import calibrate
-from cyclopean.calibration.validation import hold_out, rigid_motion, validate
+from cyclopean.calibration.validation import hold_out, validate
 from cyclopean.errors import SetupError
-from cyclopean.geometry import Pose
+from cyclopean.geometry import Pose, rigid_motion
 from cyclopean.targets import Observations
 
 FREE = ("optic.pose", "optic.apex")

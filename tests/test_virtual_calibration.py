@@ -11,10 +11,10 @@ from setups import DISTORTION, STRAIGHT
 from benchmarks.data import renderer_setup
 from cyclopean import Camera, Mirror, Mirrors, Setup, triangulate
 from cyclopean.calibration.virtual import calibrate_pairwise, calibrate_virtual
-from cyclopean.calibration.virtual_frame import aligned, rigid_motion
+from cyclopean.calibration.virtual_frame import aligned
 from cyclopean.calibration.virtual_model import Eye, RigModel
 from cyclopean.errors import SetupError, ShapeError
-from cyclopean.geometry import Pose
+from cyclopean.geometry import Pose, rigid_motion
 from cyclopean.rigs import Rig, fit, pinhole_rig
 from cyclopean.targets import DIRECT, Observations
 

@@ -19,7 +19,7 @@ from ..rigs import Setup
 from ..targets import DIRECT, Observations, Target
 from .judgement import Held, Judgement, hold, judge
 from .routes import FIELD_POINT, PHYSICAL, ROUTES, Evidence, FieldPoint, Found
-from .validation import _neighbours
+from .validation import neighbours
 
 _FOLDS = 4
 _BINS = 4
@@ -311,7 +311,7 @@ def _reference(routes):
 def _spacing(target, judged):
     """Median distance of neighbours among the points that judge, mm; other boards may share the target's numbers."""
     places = np.unique(np.asarray(target.points, dtype=float)[np.unique(judged.point[judged.view != DIRECT])], axis=0)
-    first, second = _neighbours(places)
+    first, second = neighbours(places)
     return float(np.median(np.linalg.norm(places[first] - places[second], axis=-1)))
 
 

@@ -157,14 +157,16 @@ def guide(
     now = float(_sigma(known, wanted))
     gains = now - _sigma(known + added, wanted)
     advice: list[Advice] = []
+    left = np.ones(len(candidates), dtype=bool)  # the same photograph again would only average its noise
     for _ in range(min(count, len(candidates))):
         after = _sigma(known + np.where(np.isfinite(added), added, 0.0), wanted)
+        after = np.where(left, after, np.inf)
         before = advice[-1].after if advice else now
         best = int(np.argmin(after))
         if not after[best] < before:
             break
         advice.append(Advice(candidates[best], float(before), float(after[best])))
-        known = known + added[best]
+        known, left[best] = known + added[best], False
     worth = 0
     while worth < len(advice) and _is_worth(advice[worth], noise):
         worth += 1

@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..geometry import Pose
+from ..geometry import Pose, rigid_motion
 from ..rigs import ViewLike
 from ..targets import Observations
 from ..triangulation import triangulate
 from .least_squares import minimise
 from .starts import start_poses
-from .validation import _neighbours, rigid_motion
+from .validation import neighbours
 
 _PLANE_POINTS = 6  # triangulated points of a photograph, below which a plane fits anything
 _FAR_OUT = 10.0  # times the median residual
@@ -172,7 +172,7 @@ def _measure(result, k, points, model, known):
     result.points[k], result.rigid[k], result.rigid_max[k] = count, np.sqrt(np.mean(miss**2)), miss.max()
     if np.linalg.matrix_rank(model - model.mean(0), tol=1e-6 * np.ptp(model)) < 3:
         result.flatness[k] = np.linalg.svd(points - points.mean(0), compute_uv=False)[-1] / np.sqrt(count)
-    first, second = _neighbours(model)
+    first, second = neighbours(model)
     if len(first):
         along = (model[second] - model[first]) @ pose.rotation.T
         length = np.linalg.norm(along, axis=-1)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import SetupError
-from ..geometry import Pose
+from ..geometry import rigid_motion
 from ..rigs import Setup
 from ..targets import DIRECT, Observations, Target
 from ..triangulation import triangulate
@@ -266,7 +266,7 @@ def _piece(target, numbers, points, covariance):
     flatness = np.linalg.svd(points - points.mean(0), compute_uv=False)[-1] / np.sqrt(len(points)) if flat else np.nan
     pose = rigid_motion(model, points)
     miss = pose @ model - points
-    first, second = _neighbours(model)
+    first, second = neighbours(model)
     along = (model[second] - model[first]) @ pose.rotation.T
     lengths = np.linalg.norm(along, axis=-1)
     errors = np.einsum("ei,ei->e", points[second] - points[first], along) / np.maximum(lengths, 1e-300) - lengths
@@ -276,18 +276,7 @@ def _piece(target, numbers, points, covariance):
     return _Piece(float(flatness), errors, float(rigid), float(expected), len(points))
 
 
-def rigid_motion(start: np.ndarray, end: np.ndarray) -> Pose:
-    """The motion end_from_start that takes points (K, 3) nearest to other points (K, 3), without scale.
-
-    Kabsch 1976, Acta Crystallographica A32, 922; Umeyama 1991 for the sign of the rotation.
-    """
-    middle, there = start.mean(0), end.mean(0)
-    left, _, right = np.linalg.svd((end - there).T @ (start - middle))
-    rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    return Pose(rotation, there - rotation @ middle)
-
-
-def _neighbours(points):
+def neighbours(points):
     """Pairs (E,), (E,) of points (K, 3) that lie as near to each other as any do."""
     from scipy.spatial import cKDTree
 
@@ -310,10 +299,10 @@ def _report(calibration, shared, fold, residuals, lost, poses, pieces, edges):
     if edges is None:
         edges = np.quantile(depths, np.linspace(0, 1, _BINS + 1))
     ordered = [pieces[k] for k in range(len(fold))]
-    first, second = _neighbours(np.unique(points, axis=0))
-    spacing = float(
-        np.median(np.linalg.norm(np.unique(points, axis=0)[first] - np.unique(points, axis=0)[second], axis=-1))
-    )
+    through = seen.point[seen.view != DIRECT]  # boards that were only photographed without the optic do not count
+    places = np.unique(points[through if through.size else seen.point], axis=0)
+    first, second = neighbours(places)
+    spacing = float(np.median(np.linalg.norm(places[first] - places[second], axis=-1)))
     return Validation(
         calibration,
         shared,

@@ -63,20 +63,6 @@ def aligned(
     return Pose(rotation, wanted - rotation @ own)
 
 
-def rigid_motion(points: np.ndarray, wanted: np.ndarray) -> Pose:
-    """The rigid motion that takes points (N, 3) nearest to others (N, 3), by least squares; NaN rows do not count.
-
-    References
-    ----------
-    Kabsch 1976, A solution for the best rotation to relate two sets of vectors.
-    """
-    good = np.isfinite(points).all(-1) & np.isfinite(wanted).all(-1)
-    points, wanted = points[good], wanted[good]
-    middle, goal = points.mean(0), wanted.mean(0)
-    rotation = _rotation(points - middle, wanted - goal)
-    return Pose(rotation, goal - rotation @ middle)
-
-
 def _by_scene(views, nominal, depths):
     if depths is None:
         raise SetupError("to align a rig by its scene, say between which depths: depths=(near, far) in mm")

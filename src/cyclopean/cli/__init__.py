@@ -7,7 +7,15 @@ import sys
 
 # heavy modules are imported inside the commands, so that --help answers at once
 from ..errors import CyclopeanError
-from . import boards, calibration, comparison, exchange, reconstruction, setups  # noqa: F401  they register their commands
+from . import (  # noqa: F401  they register their commands
+    boards,
+    calibration,
+    comparison,
+    exchange,
+    reconstruction,
+    regions,
+    setups,
+)
 from .app import app, parse_depths
 
 __all__ = ["app", "main", "parse_depths"]

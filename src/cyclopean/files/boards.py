@@ -74,8 +74,9 @@ def board_from(document: dict[str, Any], path: PathLike) -> Board | PointTarget:
 
 
 def _document(path: PathLike) -> dict[str, Any]:
+    content = read_bytes(path, SetupError)
     try:
-        return tomllib.loads(read_bytes(path, SetupError).decode("utf-8-sig"))
+        return tomllib.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise SetupError(f"{path}: this is no text (UTF-8), so it is no board file") from None
     except (ValueError, RecursionError) as fault:

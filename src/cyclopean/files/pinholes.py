@@ -84,8 +84,9 @@ def read_pinholes(path: PathLike) -> Rig:
 
     from .pinhole_tables import RigTable
 
+    content = read_bytes(path, SetupError)
     try:
-        document = tomllib.loads(read_bytes(path, SetupError).decode("utf-8-sig"))
+        document = tomllib.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise SetupError(f"{path}: this is no text (UTF-8), so it is no file of virtual cameras") from None
     except (ValueError, RecursionError) as fault:

@@ -2,7 +2,14 @@
 
 from .arrays import as_pixels, as_points, as_rgb, white_level
 from .polygons import clip_by_half_plane, polygon_area
-from .poses import Pose, rotation_from_vector, rotation_vector, rotation_vector_jacobian, shortest_rotation
+from .poses import (
+    Pose,
+    rigid_motion,
+    rotation_from_vector,
+    rotation_vector,
+    rotation_vector_jacobian,
+    shortest_rotation,
+)
 from .rays import NearestPoint, Rays, nearest_point, shortest_segment
 from .threads import launch
 from .warps import Warps
@@ -19,6 +26,7 @@ __all__ = [
     "launch",
     "nearest_point",
     "polygon_area",
+    "rigid_motion",
     "rotation_from_vector",
     "rotation_vector",
     "rotation_vector_jacobian",

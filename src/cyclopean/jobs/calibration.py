@@ -73,7 +73,7 @@ def run_calibration(request: Request) -> None:
     folder = output_folder(request.folder)
     with progress_bars() as progress:
         if drawn is not None:
-            evidence, calibration = _from_drawing(request, board, drawn, progress)
+            evidence, calibration = from_drawing(request, board, drawn, progress)
         else:
             evidence, calibration = _without_drawing(request, board, camera, progress)
     for path in (folder / "corners.csv", *([request.save_corners] if request.save_corners else [])):
@@ -104,7 +104,7 @@ def _drawn_setup(request, camera) -> Setup | None:
     return setup
 
 
-def _from_drawing(request, board, drawn: Setup, progress) -> tuple[Evidence, Calibration]:
+def from_drawing(request, board, drawn: Setup, progress) -> tuple[Evidence, Calibration]:
     from ..calibration.unknowns import Unknowns
 
     Unknowns.of([drawn], (*request.free, *request.hold), parse_tolerances(request.tolerance, drawn))  # before the work

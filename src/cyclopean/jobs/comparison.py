@@ -17,8 +17,9 @@ from ..errors import SetupError
 from ..files import output_folder, read_board, read_observations, read_setup, replacing
 from ..files.disk import read_bytes
 from ..targets import DIRECT, Board, Observations, Target
-from .calibration import Request, _check, _from_drawing
+from .calibration import from_drawing
 from .calibration_photographs import detect, find_files, read_pictures
+from .calibration_request import Request, check
 from .console import console, progress_bars, save_figure
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ def run_comparison(request: ComparisonRequest) -> None:
         camera_photos=request.camera_photos, camera_board=request.camera_board, corners=request.corners,
         channel=request.channel,
     )  # fmt: skip
-    _check(as_calibration)
+    check(as_calibration)
     if request.test_board is not None and (not request.test or request.corners is not None):
         raise SetupError("--test-board is the board of the photographs --test: give those as well, and no --corners")
     if request.test and request.folds is not None:
@@ -112,7 +113,7 @@ def run_comparison(request: ComparisonRequest) -> None:
 
 def _from_photographs(request, as_calibration, setup: Setup, progress) -> _Material:
     board = read_board(request.board)
-    evidence, calibration = _from_drawing(as_calibration, board, setup, progress)
+    evidence, calibration = from_drawing(as_calibration, board, setup, progress)
     if not request.test:
         return _Material(evidence.found, evidence.target, None, None, evidence.notes)
     test_board = board if request.test_board is None else read_board(request.test_board)

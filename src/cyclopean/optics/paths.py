@@ -122,8 +122,9 @@ class Path:
                 if blocker is left or blocker is surface or (left is not None and not len(blocker.bounds)):
                     continue
                 distance = _distance(blocker, origins, directions)
-                hits = origins + distance[..., None] * directions
-                inside = (hits @ blocker.bounds[:, :3].T <= blocker.bounds[:, 3]).all(-1)
+                with np.errstate(invalid="ignore"):  # rays that are not there
+                    hits = origins + distance[..., None] * directions
+                    inside = (hits @ blocker.bounds[:, :3].T <= blocker.bounds[:, 3]).all(-1)
                 blocked |= inside & (distance > 0) & (distance < reach)
             if surface is not None:
                 origins = origins + reach[..., None] * directions

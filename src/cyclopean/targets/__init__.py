@@ -3,16 +3,21 @@
 from .boards import Board, PointTarget
 from .detection import Sighting, find_board, observe
 from .observations import DIRECT, Observations, Target, Targets, together
+from .seams import Reconciliation, Seams, find_seams, reconcile
 
 __all__ = [
-    "Board",
-    "PointTarget",
-    "find_board",
-    "observe",
-    "Sighting",
     "DIRECT",
+    "Board",
     "Observations",
+    "PointTarget",
+    "Reconciliation",
+    "Seams",
+    "Sighting",
     "Target",
     "Targets",
+    "find_board",
+    "find_seams",
+    "observe",
+    "reconcile",
     "together",
 ]
