@@ -268,11 +268,14 @@ def _virtual_rows(rig, truth, figures):
     for row in virtual_routes.calibrated_rows(truth, seen, judged):
         if row.name.startswith(wanted):
             rows.append([f"virtual cameras: {row.name}", None, row.errors[2].all_rms, row.errors[2].all_max])
+    sketch = ""
     for row in virtual_routes.sketched_rows(truth, judged):
+        sketch = row.name if row.name.startswith("sketch") else sketch
+        name = f"{sketch}, {row.name.strip()}" if "field point" in row.name else row.name
         if not row.name.startswith("true rays"):
-            rows.append([row.name, None, row.errors[0].all_rms, row.errors[0].all_max])
+            rows.append([name, None, row.errors[0].all_rms, row.errors[0].all_max])
     for name, _, typical, largest in rows:
-        key = "".join(c if c.isalnum() else "_" for c in name.strip()).replace("__", "_")
+        key = "_".join("".join(c if c.isalnum() else " " for c in name).split())
         figures[f"thesis_{rig}_{key}_rms_percent"] = typical
         figures[f"thesis_{rig}_{key}_largest_percent"] = largest
     return rows

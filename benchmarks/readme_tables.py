@@ -3,7 +3,7 @@
     python -m benchmarks.readme_tables [--check] [FILE]
 
 A line `<!-- table: NAME -->` and the next line `<!-- end -->` stand around each table; what is between them is
-replaced by the table NAME (`accuracy`, `dense` or `optics`) of results/NAME.json. --check writes nothing, and
+replaced by the table NAME: one of TABLES, from a file in results/. --check writes nothing, and
 fails when the file is not what would be written.
 """
 
@@ -53,7 +53,54 @@ def optics(figures: dict[str, float]) -> str:
     return markdown(["", "", "million per s", "cyclopean is faster, times"], rows)
 
 
-TABLES = {"accuracy": accuracy, "dense": dense, "optics": optics}
+def calibration(figures: dict[str, float]) -> str:
+    """Prisms calibrated from board photographs, beside the truth."""
+    keys = ("noise_px", "reprojection_px", "apex_error_deg", "apex_sigma_deg", "largest_score", "seconds")
+    end = "_apex_error_deg"
+    rigs = [key.removeprefix("parameters_").removesuffix(end) for key in figures if key.endswith(end)]
+    rows = [
+        [rig, *(figures[f"parameters_{rig}_{key}"] for key in keys), figures[f"camera_{rig}_focal_error_percent"]]
+        for rig in rigs
+    ]
+    heads = ["corners px", "fit px", "apex error deg", "its sigma", "largest error / sigma", "s"]
+    return markdown(["rig", *heads, "focal length error %, camera free"], rows)
+
+
+ROUTES = {
+    "true_setup": "the true setup (limit by these corners)",
+    "physical_model": "physical model",
+    "true_setup_usual_corners": "the true setup, corners of 0.046 px",
+    "physical_model_usual_corners": "physical model, corners of 0.046 px",
+    "virtual_cameras_joint_free_4_terms": "virtual cameras together, lenses free, k1 k2 p1 p2",
+    "virtual_cameras_joint_fixed_4_terms": "virtual cameras together, lens of the camera, k1 k2 p1 p2",
+    "virtual_cameras_joint_free_0_terms": "virtual cameras together, lenses free, no distortion",
+    "virtual_cameras_each_alone_then_pairs_4": "virtual cameras, each alone, then pairs (OpenCV's way)",
+    "sketch_mid_sub_image_ray": "ray sketch, ray of the sub-image's middle",
+    "sketch_middle_ray_to_the_rim": "ray sketch, middle ray to the rim",
+    "sketch_middle_ray_to_the_rim_field_point_apex": "the same after a field point test",
+    "best_pinhole_fit_4_terms": "best pinholes that there are for the true rays",
+}
+
+
+def thesis(figures: dict[str, float]) -> str:
+    """Depth of planes by every route."""
+    rigs = ("t2_b40", "t3_b40", "t4_b45")
+    parts = ("rms_percent", "largest_percent")
+    rows = [
+        [name, *(figures[f"thesis_{rig}_{key}_{part}"] for rig in rigs for part in parts)]
+        for key, name in ROUTES.items()
+    ]
+    heads = ["2 facets rms", "largest", "3 facets rms", "largest", "4 facets rms", "largest"]
+    return markdown(["route", *heads], rows)
+
+
+TABLES = {  # name -> file of figures, table
+    "accuracy": ("accuracy", accuracy),
+    "calibration": ("calibration", calibration),
+    "dense": ("dense", dense),
+    "optics": ("optics", optics),
+    "thesis": ("calibration", thesis),
+}
 
 
 def markdown(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -75,8 +122,9 @@ def filled(text: str) -> str:
     """A page with its tables written anew."""
 
     def block(match: re.Match) -> str:
-        stored = Path(__file__).parent / "results" / f"{match[2]}.json"
-        return match[1] + TABLES[match[2]](json.loads(stored.read_text())) + match[3]
+        name, table = TABLES[match[2]]
+        stored = Path(__file__).parent / "results" / f"{name}.json"
+        return match[1] + table(json.loads(stored.read_text())) + match[3]
 
     return BLOCK.sub(block, text)
 
