@@ -7,7 +7,7 @@ import numpy as np
 
 import cyclopean
 from cyclopean.files import write_ply
-from cyclopean.jobs import demo_files
+from cyclopean.jobs.reconstruction import demo_files
 
 photo, setup_file = demo_files()
 setup = cyclopean.read_setup(setup_file)

@@ -10,6 +10,7 @@ from benchmarks.data import renderer_setup
 from benchmarks.targets import renderer_corners
 from cyclopean import Camera, Mirror, Mirrors, Plate, Prism, Setup
 from cyclopean.calibration import calibrate, guess_prism, renumbered
+from cyclopean.calibration.checks import warnings_of
 from cyclopean.calibration.least_squares import minimise
 from cyclopean.calibration.physical import Prediction
 from cyclopean.calibration.unknowns import Unknowns
@@ -187,6 +188,56 @@ def test_gross_outliers_are_reported_and_do_no_harm():
     assert abs(found.setup.optic.apex_deg - 10.0) < 0.01
 
 
+def misnumbered(observations, rows):
+    """Observations in which the corners of some rows are numbered from the other end of the board."""
+    last = len(BOARD.points) - 1
+    return replace(observations, point=np.where(rows, last - observations.point, observations.point))
+
+
+def test_a_view_that_contradicts_the_others_is_left_out():
+    setup = Setup(CAMERA, PRISM)
+    observations = photographed(setup, board_poses(6), noise=0.05)
+    wrong = misnumbered(observations, (observations.photo == 2) & (observations.view == 1))
+    found = calibrate(wrong, BOARD, nominal(setup))
+    (said,) = found.left_out
+    assert "view 1 of photo 2" in said
+    assert len(found.observations) == np.count_nonzero((wrong.photo != 2) | (wrong.view != 1))
+    assert np.abs(scores(found, setup)).max() < 4
+
+
+def test_a_photograph_that_contradicts_the_others_is_left_out():
+    setup = Setup(CAMERA, PRISM)
+    observations = photographed(setup, board_poses(6), noise=0.05)
+    other = np.where(observations.photo == 4, np.array([0, 2, 1])[observations.view], observations.view)
+    found = calibrate(replace(observations, view=other), BOARD, nominal(setup))
+    assert "photo 4" in found.left_out[0]
+    assert "photo 4" not in found.observations.photos
+    assert np.abs(scores(found, setup)).max() < 4
+
+
+def test_facets_drawn_to_the_wrong_side_are_named():
+    setup = Setup(CAMERA, PRISM)
+    observations = photographed(setup, board_poses(6), noise=0.05)
+    drawn = replace(setup, optic=replace(PRISM, facing="camera"))
+    assert any('facing = "scene"' in line for line in warnings_of(calibrate(observations, BOARD, drawn)))
+
+
+def test_views_without_the_target_are_named():
+    setup = Setup(CAMERA, PRISM)
+    observations = photographed(setup, board_poses(6), noise=0.05)
+    found = calibrate(observations.select(observations.view < 2), BOARD, setup)
+    assert any("view 2 never shows the target" in line for line in warnings_of(found))
+
+
+def test_a_wrong_thickness_is_found_and_not_hidden_in_the_distance():
+    setup = Setup(CAMERA, PRISM)
+    observations = photographed(setup, board_poses(8), noise=0.01)
+    drawn = replace(setup, optic=replace(PRISM, thickness=13.0))
+    found = calibrate(observations, BOARD, drawn)
+    assert abs(found.setup.optic.distance - 60) < 4 * found.sigma["optic.distance"]
+    assert abs(found.setup.optic.thickness - 12) < 4 * found.sigma["optic.thickness"]
+
+
 def test_a_board_that_seems_to_lean_the_wrong_way_is_set_right(mitsuba):
     """With a drawing off by 0.3 degrees, several of these photographs start in the mirrored pose."""
     corners = renderer_corners("calib_n3", noise=0.046)
@@ -214,6 +265,7 @@ def test_short_names_stand_for_parameters():
         (("optic.apex",), {"optic.apex": -1.0}, "positive"),
         (("optic.apex",), {"optic.apex": np.inf}, "positive"),
         (("optic.apex",), {"optic.glue": 1.0}, "optic.glue"),
+        (("optic.apex",), {"optic.thickness": 1.0}, "held"),
     ],
 )
 def test_wrong_names_and_tolerances_are_told(free, tolerances, said):

@@ -244,7 +244,7 @@ def test_a_view_numbered_in_another_order_is_named(exact):
     pixels[odd] = pixels[odd][::-1]
     result = calibrate(replace(noisy, pixels=pixels), BOARD, prism_setup(), FREE, poses=POSES)
     (line,) = warnings_of(result)
-    assert line.startswith("view 1 of photo 2 disagrees with the other views by ")
+    assert line.startswith("left out: view 1 of photo 2 disagrees with the other views by ")
     assert line.endswith("are its corners numbered in the same order?")
 
 

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 
 from ..errors import CyclopeanError
 from ..targets import DIRECT
 from .depths import depth_errors, rig_points, rms, target_depths
+from .guess import renumbered
 from .held import SIGNIFICANT, HeldTest, freed, sentence, tests_of_held
-from .physical import Calibration, recalibrate, views_of
-from .starts import poses_from_rays
+from .odd_views import odd_views
+from .physical import Calibration, calibrate, recalibrate, views_of
 from .unknowns import kind_of
 
 _MISFIT = 3.0  # times the stated noise of detected points
-_ODD, _ODD_PX = 4.0, 1.0  # a view of a photograph: times the usual median residual, and at least so many px
-_MISNUMBERED_PX = 5.0  # beyond this, no blur explains it
-_AGREE_PX = 20.0  # between views, for the pose of a board by one view alone; wrong orders are off by far more
 _FAR = 3.0  # times what the drawing leaves open
 _ALIKE, _ALIKE_ANGLE = 0.03, np.deg2rad(5.0)  # of the distance; between the normals
 _OUTSIDE, _OUTSIDE_PX = 0.05, 4  # share of points that may lie so far outside their sub-image
@@ -34,63 +33,42 @@ def warnings_of(calibration: Calibration) -> tuple[str, ...]:
     """
     odd = _odd_views(calibration)
     tests = _asked_for(calibration)
-    found = [*odd, *_misfit(calibration, tests, bool(odd)), *_far(calibration), *_seams(calibration)]
+    found = [
+        *calibration.left_out,
+        *odd,
+        *_unseen(calibration),
+        *_misfit(calibration, tests, bool(odd)),
+        *_far(calibration),
+        *_seams(calibration),
+    ]
     return tuple(found + _alike(calibration) + _scale(calibration))
 
 
 def _odd_views(calibration):
     """Photographs of which one view, or all, fit much worse than the rest."""
     seen = calibration.observations
-    length = np.linalg.norm(calibration.residuals, axis=-1)
-    length = np.where(np.isfinite(length), length, np.inf)
-    pairs, group = np.unique(np.stack([seen.photo, seen.view], -1), axis=0, return_inverse=True)
-    group = group.ravel()
-    medians = np.array([np.median(length[group == k]) for k in range(len(pairs))])
-    bad = (medians > _ODD * np.median(medians)) & (medians > _ODD_PX)
-    lines = []
-    for photo in np.unique(pairs[bad, 0]):
-        mine = pairs[:, 0] == photo
-        name, size = seen.photos[photo], float(medians[mine & bad].max())
-        off = f"{size:.2g} px" if np.isfinite(size) else "so much that it cannot see the points"
-        why = ": are its corners numbered in the same order?" if size > _MISNUMBERED_PX else ": is it blurred?"
-        groups = [pairs[mine & which, 1] for which in (bad, ~bad)]
-        if not len(groups[1]) and len(groups[0]) > 1:  # a pose between them all
-            groups = _agreeing(calibration, photo, groups[0])
-        odd, rest = sorted(groups, key=len)  # the pose may have gone with the odd view, and left the others behind
-        if not len(odd):
-            lines.append(
-                f"{name} disagrees with the other photographs by {off}: is it another board or setup, or are the "
-                "corners of one view numbered in another order?"
-            )
-        elif len(odd) < len(rest):
-            views = " and ".join(map(_view_name, odd))
-            lines.append(f"{views} of {name} disagree{'s' if len(odd) == 1 else ''} with the other views by {off}{why}")
-        else:
-            lines.append(f"the views of {name} disagree with each other by {off}{why}")
-    return lines
-
-
-def _agreeing(calibration, photo, numbers):
-    """The views of a photograph that agree with each other on the pose of the target, and those that do not."""
-    seen, views = calibration.observations, views_of(calibration.setup)
     points = np.asarray(calibration.target.points, dtype=float)[seen.point]
-    rows = {number: np.flatnonzero((seen.photo == photo) & (seen.view == number)) for number in numbers}
-    best = np.zeros(len(numbers), dtype=bool)
-    for number in numbers:
-        for pose in poses_from_rays(views[number].rays(seen.pixels[rows[number]]), points[rows[number]]):
-            off = [
-                np.linalg.norm(views[k].project(pose @ points[rows[k]]) - seen.pixels[rows[k]], axis=-1)
-                for k in numbers
-            ]
-            good = np.array([np.median(length) < _AGREE_PX for length in off])
-            best = good if good.sum() > best.sum() else best
-    if best.sum() < 2:  # each agrees with itself alone
-        return numbers, numbers[:0]
-    return numbers[best], numbers[~best]
+    try:
+        views = views_of(calibration.setup)
+    except CyclopeanError:  # an optic that shows nothing; `_seams` says so
+        views = {}
+    return [odd.text for odd in odd_views(seen, calibration.residuals, points, views)]
 
 
-def _view_name(view):
-    return "the photograph" if view == DIRECT else f"view {view}"
+def _unseen(calibration):
+    """Views that never show the target."""
+    try:
+        count = len(calibration.setup.optic.paths(calibration.setup.wavelength_nm))
+    except CyclopeanError:
+        return []
+    unseen = sorted(set(range(count)) - set(np.unique(calibration.observations.view).tolist()))
+    if not unseen or count == 1:
+        return []
+    names = " and ".join(f"view {number}" for number in unseen)
+    return [
+        f"{names} never show{'s' if len(unseen) == 1 else ''} the target: what only these facets or mirrors tell rests "
+        "on the drawing. Has the optic as many views as the setup file says? Photograph the target where they see it"
+    ]
 
 
 def _asked_for(calibration):
@@ -111,13 +89,15 @@ def _misfit(calibration, tests: list[HeldTest], odd):
     size, lines = calibration.solution.sigma0, []
     best = _tried(calibration, tests[0]) if tests else None
     left = calibration.rms if best is None else best.rms
-    explains = left < (1 - _WORTH) * calibration.rms
+    explains = left < (1 - _WORTH) * calibration.rms and size * left / calibration.rms < _MISFIT
     if size > _MISFIT:
         lines.append(
             f"residuals are {size:.{0 if size > 9.5 else 1}f} times the noise of the detected points: the model does "
             "not fit"
         )
-        if not (odd or explains):
+        if not explains:
+            lines += _facing(calibration)
+        if not (odd or explains or len(lines) > 1):
             lines[0] += ". Wrong number of facets? Wrong facing? Was the focus changed (free camera.focal)?"
         lines += _facets(calibration, left if explains else calibration.rms)
     if best is None or len(lines) > 1 or ((odd or lines) and not explains):
@@ -129,6 +109,35 @@ def _misfit(calibration, tests: list[HeldTest], odd):
         instead = f"; {' or '.join(rivals[:3])} would do nearly as well" if rivals else ""
         line += f" (residuals of {best.rms:.3f} px instead of {calibration.rms:.3f}{instead})"
     return [*lines, line]
+
+
+def _facing(calibration):
+    """Whether facets to the other side, or numbered the other way round, explain a misfit far better."""
+    setup, seen = calibration.unknowns.setups[0], calibration.observations
+    facing = getattr(setup.optic, "facing", None)
+    if facing is None or len(calibration.setups) > 1:
+        return []
+    other = replace(
+        setup.optic,
+        facing="camera" if facing == "scene" else "scene",
+        azimuth_deg=180.0 - setup.optic.azimuth_deg,  # turned about y
+    )
+    backwards = renumbered(seen, -np.arange(setup.optic.facets) % setup.optic.facets)
+    turned = f'with facing = "{other.facing}" and azimuth_deg = {other.azimuth_deg:g}'
+    reverse = "with the views numbered the other way round"
+    tries = ((other, seen, turned), (other, backwards, f"{turned}, and {reverse}"), (setup.optic, backwards, reverse))
+    free = [name for name in calibration.unknowns.names if name in setup.parameter_names]
+    found = []
+    for optic, rows, words in tries:
+        try:
+            result = calibrate(rows, calibration.target, replace(setup, optic=optic), free, iterations=20)
+        except CyclopeanError:
+            continue
+        found.append((result.rms, words))
+    left, words = min(found, default=(np.inf, ""))
+    if not left < 0.3 * calibration.rms:
+        return []
+    return [f"{words}, residuals are {left:.3f} px instead of {calibration.rms:.3f}: correct the drawing"]
 
 
 def _facets(calibration, size):

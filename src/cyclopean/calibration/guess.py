@@ -19,7 +19,7 @@ from .starts import poses_from_rays
 
 _DISTANCES = (20.0, 60.0, 150.0, 350.0)  # mm, from lens to prism: what people build
 _THICKNESS = 10.0  # mm
-_LOOSE = {"optic.distance": 200.0, "optic.apex": np.deg2rad(5.0), "optic.azimuth": np.deg2rad(20.0)}
+_LOOSE = {"optic.distance": 200.0, "optic.apex": np.deg2rad(5.0), "optic.tilt_z": np.deg2rad(10.0)}
 
 
 def guess_prism(
@@ -185,7 +185,7 @@ def _try(observations, target, setup, deviation):
         optic = replace(setup.optic, apex_deg=_apex_for(deviation, setup))
         return calibrate(
             observations, target, replace(setup, optic=optic), ("optic.distance", "optic.apex", "optic.tilt_z"),
-            tolerances=_LOOSE | {"optic.tilt_z": np.deg2rad(10.0)}, iterations=25,
+            tolerances=_LOOSE, iterations=25,
         )  # fmt: skip
     except (CyclopeanError, ValueError):  # no such prism: totally reflecting, or the views are not in its picture
         return None

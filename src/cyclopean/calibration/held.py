@@ -15,7 +15,8 @@ from .unknowns import TIED_FOCAL, Unknowns, kind_of
 
 SIGNIFICANT = 5.0  # standard deviations; residuals of real lenses are never quite normal
 SCALE = "target.scale"  # factor on all lengths of the target
-_SCALE_SPREAD = 0.1  # a length mistaken, or another board's; printers are right to 0.01
+_SCALE_SPREAD = 0.02  # printers are right to 0.01
+_SCALE_MISTAKEN = 0.5  # a length mistaken, or another board's
 _PLAUSIBLE = 5.0  # times what the drawing leaves open
 _CATALOGUE = 0.1  # between one glass and another
 _ALL = 0.9999  # of the sum of squares: a step that large is not of first order any more
@@ -46,6 +47,8 @@ class HeldTest:
     @property
     def plausible(self) -> bool:
         """Whether the change is one that a drawing may hide; a wrong number elsewhere asks for odd ones here."""
+        if self.name == SCALE:
+            return abs(self.change) <= _SCALE_MISTAKEN
         spread = _CATALOGUE if self.name.startswith("optic.index") else _spread(self.name, self.value)
         return abs(self.change) <= _PLAUSIBLE * spread
 
@@ -88,7 +91,12 @@ def tests_of_held(calibration: Calibration) -> list[HeldTest]:
         left = whole + cross[:, k] @ answer[:, k]
         moved = slopes[..., k] + slopes @ (equations.embed @ answer[:, k])
         tests.append(_test(calibration, equations, k, left if left > _DEPENDENT * whole else 0.0, moved))
-    return sorted(tests, key=lambda test: test.rms)
+
+    def unlikeliness(test):  # sum of squares that is left, and how far the drawing would have been wrong
+        left = equations.squares * (test.rms / max(calibration.rms, 1e-300)) ** 2
+        return left + (test.change / _spread(test.name, test.value)) ** 2
+
+    return sorted(tests, key=unlikeliness)
 
 
 def _test(calibration, equations, k, left, moved):

@@ -14,6 +14,7 @@ from ..optics import Path
 from ..rigs import Setup, View
 from ..targets import DIRECT, Observations, Target
 from .least_squares import Solution, minimise
+from .odd_views import OddView, odd_views
 from .starts import start_poses
 from .unknowns import DEFAULT_FREE, Unknowns, kind_of
 
@@ -31,6 +32,7 @@ class Calibration:
     observations: Observations  # the rows that were used
     target: Target
     notes: tuple[str, ...] = ()  # what the person should know
+    left_out: tuple[str, ...] = ()  # views of photographs that contradicted the others and were not used, in words
 
     @property
     def setup(self) -> Setup:
@@ -130,34 +132,53 @@ def calibrate(
     else:
         guesses = [[pose] for pose in poses]
     observations = observations.select(np.lexsort((observations.photo, observations.view, observations.channel)))
-    points = np.asarray(target.points, dtype=float)[observations.point]
-    predict = Prediction(unknowns, observations)
-    poses, _ = _best_poses(predict, unknowns.start, guesses, observations, points)
-
-    def solve(shared, poses):
-        return minimise(
-            predict,
-            shared,
-            poses,
-            observations,
-            points,
-            prior=(unknowns.start, unknowns.spread),
-            loss=loss,
-            iterations=iterations,
-        )
-
-    solution = solve(unknowns.start, poses)
-    for _ in range(3):  # a board that was taken to lean the wrong way stands out once the optic is known
-        better = _leaning_right(predict, solution, guesses, observations, points)
-        if better is None:
-            break
-        solution = solve(solution.shared, better)
+    problem = _Problem(unknowns, observations, target, loss, iterations)
+    solution = problem.solve(guesses)
+    odd = problem.odd_views(solution)
+    if odd:
+        observations = observations.select(~np.any([o.rows(observations) for o in odd], axis=0))
+        left = np.unique(observations.photo)
+        observations, guesses = observations.of_photos(left), [guesses[k] for k in left]
+        problem = _Problem(unknowns, observations, target, loss, iterations, problem.predict.aims)
+        solution = problem.solve(guesses)
     found = tuple(
         _with_outline(unknowns.setup(solution.shared, channel), start, notes) for channel, start in enumerate(setups)
     )
     if not solution.converged:
         notes.append(f"the calibration did not converge ({solution.message}): give a better start, or free less")
-    return Calibration(found, unknowns, solution, observations, target, tuple(notes))
+    left_out = tuple(f"left out: {o.text}" for o in odd)
+    return Calibration(found, unknowns, solution, observations, target, tuple(notes), left_out)
+
+
+class _Problem:
+    """What stays the same while one set of observations is solved from several starts."""
+
+    def __init__(self, unknowns, observations, target, loss, iterations, aims=None):
+        self.unknowns, self.observations = unknowns, observations
+        self.points = np.asarray(target.points, dtype=float)[observations.point]
+        self.predict = Prediction(unknowns, observations, aims)
+        self.options = {"loss": loss, "iterations": iterations, "prior": (unknowns.start, unknowns.spread)}
+
+    def solve(self, guesses: Sequence[Sequence[Pose]]) -> Solution:
+        """The solution from these first guesses of each photograph's pose."""
+        rows = self.observations, self.points
+        poses, _ = _best_poses(self.predict, self.unknowns.start, guesses, *rows)
+        solution = minimise(self.predict, self.unknowns.start, poses, *rows, **self.options)
+        for _ in range(3):  # a board that was taken to lean the wrong way stands out once the optic is known
+            better = _leaning_right(self.predict, solution, guesses, *rows)
+            if better is None:
+                break
+            solution = minimise(self.predict, solution.shared, better, *rows, **self.options)
+        return solution
+
+    def odd_views(self, solution: Solution) -> list[OddView]:
+        """Views that contradict the others, and whole photographs that do; none where half of the photographs would."""
+        try:
+            views = self.predict.views(solution.shared, 0)
+        except CyclopeanError:
+            return []
+        odd = [o for o in odd_views(self.observations, solution.residuals, self.points, views) if o.certain]
+        return odd if 2 * len(odd) < len(self.observations.photos) else []
 
 
 def default_free(setup: Setup, observations: Observations) -> tuple[str, ...]:

@@ -22,15 +22,16 @@ GROUPS = {
     "camera.centre": r"camera\.centre_[xy]",
     "camera.distortion": r"camera\.(k1|k2|p1|p2)",
     "camera.radial": r"camera\.(k1|k2)",
+    "optic": r"optic\.(?!azimuth).*",
     "optic.pose": r"optic\.(tilt_[xyz]|shift_[xy]|distance)",
     "optic.facets": r"optic\.facet\d+_(angle|azimuth)",
     "optic.mirrors": r"optic\.mirror\d+_\w+",
 }
 TIED_FOCAL = "camera.focal_tied"  # one focal length; its ratio in x and y stays that of the start
 DEFAULT_FREE = {
-    "prism": ("optic.pose", "optic.apex"),
+    "prism": ("optic.pose", "optic.apex", "optic.thickness"),
     "mirrors": ("optic.mirrors",),
-    "plate": ("optic.pose",),
+    "plate": ("optic.pose", "optic.thickness"),
 }
 
 # (pattern, unit, how to print, standard deviation of what a drawing says: a number, or relative to the value)
@@ -42,7 +43,8 @@ _KINDS: tuple[tuple[str, str, float, float, bool], ...] = (
     (r"camera\.p[12]", "", 1.0, 0.02, False),
     (r"optic\.tilt", "deg", np.degrees(1.0), np.deg2rad(5.0), False),
     (r"optic\.(shift|advance)", "mm", 1.0, 10.0, False),
-    (r"optic\.(distance|thickness)", "mm", 1.0, 0.2, True),
+    (r"optic\.distance", "mm", 1.0, 0.2, True),
+    (r"optic\.thickness", "mm", 1.0, 0.1, True),
     (r"optic\.apex", "deg", np.degrees(1.0), 0.2, True),
     (r"optic\.azimuth", "deg", np.degrees(1.0), np.deg2rad(5.0), False),
     (r"optic\.facet\d+_", "deg", np.degrees(1.0), np.deg2rad(0.2), False),
@@ -112,7 +114,7 @@ class Unknowns:
         start = np.array([_start(name, values, full) for name in names])
         base = np.where(np.any(matrix != 0, axis=-1), 0.0, values)
         spread = np.array([_spread(name, value, tolerances or {}) for name, value in zip(names, start, strict=True)])
-        _check_tolerances(tolerances or {}, full)
+        _check_tolerances(tolerances or {}, full, names)
         return cls(setups, tuple(names), base, matrix, start, spread.reshape(-1))
 
     def __len__(self) -> int:
@@ -199,9 +201,14 @@ def _spread(name, value, tolerances):
     return kind.spread * abs(value) if kind.relative else kind.spread
 
 
-def _check_tolerances(tolerances, full):
+def _check_tolerances(tolerances, full, free):
+    plain = {re.sub(r"\[\d+\]", "", name) for name in free}
     for name, spread in tolerances.items():
         if name not in GROUPS and name not in full and name != TIED_FOCAL:
             raise SetupError(f"a tolerance is given for {name!r}, which this setup does not have: {', '.join(full)}")
         if not 0 < spread < np.inf:
             raise SetupError(f"the tolerance of {name} must be a positive, finite standard deviation, got {spread}")
+        if not any(name == other or re.fullmatch(GROUPS.get(name, "$"), other) for other in plain):
+            raise SetupError(
+                f"a tolerance is given for {name}, which is held: free it as well, or leave the tolerance out"
+            )

@@ -59,9 +59,9 @@ class Observations:
             self.channel[rows],
         )  # fmt: skip
 
-    def of_photos(self, numbers: Sequence[int]) -> Observations:
+    def of_photos(self, numbers: Sequence[int] | np.ndarray) -> Observations:
         """The rows of some photographs, which are then numbered anew in the order given."""
-        numbers = list(numbers)
+        numbers = [int(number) for number in numbers]
         new = np.full(len(self.photos) + 1, -1)
         new[numbers] = np.arange(len(numbers))
         rows = new[self.photo] >= 0
