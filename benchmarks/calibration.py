@@ -34,7 +34,7 @@ from cyclopean.targets import Board, Observations, together
 SETS = ("n2", "n3", "n4", "n5", "n3_pose", "n2_flip", "t2_b40", "t3_b40", "t4_b45")
 THESIS = ("t2_b40", "t3_b40", "t4_b45")
 USUAL_NOISE = 0.046  # px, of a corner that cv2.cornerSubPix refined on these photographs
-CAMERA_TOO = ("camera.focal", "camera.centre", "optic.pose", "optic.apex")
+CAMERA_TOO = ("camera.focal", "camera.centre", "optic.pose", "optic.apex", "optic.thickness")
 REPEATS = 3
 
 
@@ -92,7 +92,7 @@ def parameters_part() -> dict[str, float]:
         found = calibrate(corners.observations, corners.board, drawn(truth))
         seconds = time.perf_counter() - start
         noise = rms(corners.observations.pixels - corners.truth)
-        free = calibrate(corners.observations, corners.board, drawn(truth), ("optic.pose", "optic.apex", "optic.index"))
+        free = calibrate(corners.observations, corners.board, drawn(truth), ("optic.pose", "optic.apex", "optic.thickness", "optic.index"))
         row = {
             "noise_px": noise,
             "reprojection_px": found.rms,

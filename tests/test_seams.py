@@ -1,10 +1,11 @@
 """Sub-images found by their seams, against where the renderer put them."""
 
-import sys
+from functools import partial
 
 import cv2
 import numpy as np
 import pytest
+from commands import run
 from scipy.ndimage import gaussian_filter
 
 from benchmarks.data import renderer_setup
@@ -165,21 +166,7 @@ def test_a_shifted_and_turned_setup_is_measured(mitsuba):
 @pytest.fixture
 def command(monkeypatch, capsys):
     """Run ``cyclopean`` with some words: exit status, output and errors."""
-    import cyclopean.cli.regions  # noqa: F401  registers the command
-    from cyclopean import cli
-
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["cyclopean", *map(str, words)])
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as stop:
-            status = stop.code or 0
-        said = capsys.readouterr()
-        assert "Traceback" not in said.out + said.err
-        return status, said.out, said.err
-
-    return run
+    return partial(run, monkeypatch, capsys)
 
 
 def test_regions_command(command, tmp_path):
@@ -197,11 +184,18 @@ def test_regions_command(command, tmp_path):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"regions.png", "regions.json"}
     written = json.loads((tmp_path / "out" / "regions.json").read_text())
     np.testing.assert_allclose(np.deg2rad(written["angles_deg"]), truth.angles, atol=0.01)  # 2 px at 200 px
+    (tmp_path / "photos").mkdir()
+    for path, picture in zip(paths, pictures, strict=True):
+        write_image(tmp_path / "photos" / path.name, picture)
+    (tmp_path / "empty").mkdir()
+    assert command("regions", tmp_path / "photos", "-o", tmp_path / "again")[0] == 0
+    assert json.loads((tmp_path / "again" / "regions.json").read_text()) == written
     write_image(tmp_path / "small.png", pictures[0][:200])
     write_image(tmp_path / "grey.png", np.full((480, 640), 90, np.uint8))
     for words, wanted in (
         ([tmp_path / "missing.png"], "missing.png"),
         ([paths[0], tmp_path / "small.png"], "640x200 px"),
+        ([tmp_path / "empty"], "no photographs"),
         ([tmp_path / "grey.png"], "show nothing"),
         ([paths[0], "--views=1"], "--views must be 2 to 8"),
         ([], "no photograph"),

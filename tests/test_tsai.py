@@ -94,12 +94,17 @@ def test_an_exact_picture_of_a_solid(points, free):
 def test_a_sub_image_with_its_own_centre():
     """A stepped block in one of four sub-images, whose principal point lies outside the sub-image's middle."""
     camera = TsaiCamera((1024, 1024), 50.0, (240.0, 770.0), 1e-5, pitch=(0.02, 0.02))
-    pose = Pose(rotation_from_angles(0.2, 0.1, 0.05), np.array([0.0, 0.0, 500.0]))
+    pose = Pose(rotation_from_angles(0.2, 0.1, 0.05), np.array([0.0, 0.0, 1000.0]))
     pixels = picture(STEPS, camera, pose)
     fixed = tsai(STEPS, pixels, camera.size, centre=camera.centre, pitch=0.02)
     free = tsai(STEPS, pixels, camera.size, centre=(255.5, 767.5), pitch=0.02, free_centre=True)
     assert_same(fixed, camera, pose)
     assert_same(free, camera, pose)
+
+
+def test_pixels_outside_the_picture_are_refused():
+    with pytest.raises(ShapeError, match=r"outside a picture of 640 x 480 px.*at full size"):
+        tsai(BOARD, picture(BOARD), (640, 480))
 
 
 def test_the_unit_of_the_pitch_is_that_of_the_focal_length():

@@ -179,6 +179,12 @@ def test_rows_that_are_not_numbers_are_left_out():
     assert np.all(np.abs(found.camera.lens - clean.camera.lens)[:6] < 0.5 * clean.sigma[:6])
 
 
+@pytest.mark.parametrize(("size", "hint"), [((960, 1280), "swap width and height"), ((640, 480), "at full size")])
+def test_pixels_outside_the_picture_are_refused(size, hint):
+    with pytest.raises(ShapeError, match=f"picture of {size[0]} x {size[1]} px: x goes from .*{hint}"):
+        zhang(photographs(POSES), PointTarget(BOARD), size)
+
+
 def parallel(tilt_deg):
     """Boards at different places that all have the same normal."""
     tilt = Pose.from_rotation_vector(np.radians((tilt_deg, 0, 0)))

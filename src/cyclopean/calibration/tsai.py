@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import SetupError, ShapeError
-from ..geometry import Pose, as_pixels, as_points, rotation_from_vector, rotation_vector_jacobian
+from ..geometry import Pose, as_pixels, as_points, check_inside, rotation_from_vector, rotation_vector_jacobian
 from .tsai_camera import TsaiCamera, distort
 from .tsai_closed_form import coplanar as coplanar_start
 from .tsai_closed_form import non_coplanar as non_coplanar_start
@@ -130,6 +130,8 @@ def tsai(
     SetupError
         Too few points, points that leave the camera open, or a plane that faces the camera: then focal length and
         distance cannot be told apart.
+    ShapeError
+        Arrays of other shapes, or pixels that lie outside the photograph.
 
     References
     ----------
@@ -137,6 +139,7 @@ def tsai(
     off-the-shelf TV cameras and lenses, IEEE J. Robotics and Automation 3(4):323-344.
     """
     data = _Data.of(points, pixels, coplanar)
+    check_inside(data.pixels, size)
     if distortion not in (0, 1, 2):
         raise SetupError(f"distortion must be 0, 1 (k1) or 2 (k1, k2), got {distortion!r}")
     if data.coplanar and (free_scale or free_centre):

@@ -11,7 +11,7 @@ import numpy as np
 from ..cameras import Camera
 from ..cameras.camera import CAMERA_PARAMETERS
 from ..errors import SetupError, ShapeError
-from ..geometry import Pose
+from ..geometry import Pose, check_inside
 from ..rigs.pinhole import pinhole_derivatives
 from ..targets import DIRECT, Observations, Target
 from .least_squares import minimise
@@ -101,7 +101,7 @@ def zhang(
     SetupError
         Too few points or photographs, or all boards stand parallel, so that the focal length is not determined.
     ShapeError
-        The observations name points that the target does not have.
+        The observations name points that the target does not have, or pixels that lie outside the photographs.
 
     References
     ----------
@@ -113,6 +113,7 @@ def zhang(
     if start.size != tuple(size):
         raise SetupError(f"the guess is a camera of {start.size} px, but the photographs have {tuple(size)}")
     data = _usable(observations, target, view)
+    check_inside(data.observations.pixels, start.size)
     held = _Held.of(start, distortion, free_centre, free_aspect)
     _check_count(data, held)
     if guess is None and not data.plane and data.flatness > _NEARLY_FLAT:

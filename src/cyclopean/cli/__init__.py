@@ -6,10 +6,11 @@ import os
 import sys
 
 # heavy modules are imported inside the commands, so that --help answers at once
-from ..errors import CyclopeanError
+from ..errors import CalibrationError, CyclopeanError
 from . import (  # noqa: F401  they register their commands
     boards,
     calibration,
+    camera,
     comparison,
     exchange,
     reconstruction,
@@ -22,9 +23,14 @@ __all__ = ["app", "main", "parse_depths"]
 
 
 def main() -> None:
-    """Run the command line; errors are one clear message and exit status 2, never a traceback."""
+    """Run the command line; errors are one clear message and exit status 2, never a traceback.
+
+    The status is 1 where all was asked for rightly, but a calibration failed.
+    """
     try:
         app(sys.argv[1:])
+    except CalibrationError as error:
+        _fail(str(error), 1)
     except CyclopeanError as error:
         _fail(str(error), 2)
     except KeyboardInterrupt:

@@ -71,7 +71,7 @@ def export(
     output
         Where to write: a file; for COLMAP a folder. OpenCV, ROS and mrcal get one file for each camera.
     format
-        Guessed from the name of the output without it.
+        Guessed from the name of the output without it. A matchid file holds two cameras: --view 0 --view 1.
     what
         The real camera behind the optic, or the virtual cameras.
     depth

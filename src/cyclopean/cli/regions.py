@@ -24,7 +24,7 @@ def regions(
     Parameters
     ----------
     photos
-        Photographs through one optic; the more the scene moves between them, the better.
+        Photographs through one optic, or a folder of them; the more the scene moves between them, the better.
     views
         Number of sub-images, 2 to 8, if known.
     setup

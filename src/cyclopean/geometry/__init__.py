@@ -1,6 +1,6 @@
 """Poses, rays, polygons and maps: geometry that knows no optics."""
 
-from .arrays import as_pixels, as_points, as_rgb, white_level
+from .arrays import as_pixels, as_points, as_rgb, check_inside, white_level
 from .polygons import clip_by_half_plane, polygon_area
 from .poses import (
     Pose,
@@ -22,6 +22,7 @@ __all__ = [
     "as_pixels",
     "as_points",
     "as_rgb",
+    "check_inside",
     "clip_by_half_plane",
     "launch",
     "nearest_point",

@@ -16,6 +16,23 @@ def as_points(points: ArrayLike) -> np.ndarray:
     return _with_last_axis(points, 3, "points")
 
 
+def check_inside(pixels: ArrayLike, size: tuple[int, int]) -> None:
+    """A ShapeError where pixels (..., 2) lie more than a pixel outside a picture of a size (width, height) px."""
+    pixels = as_pixels(pixels).reshape(-1, 2)
+    known = pixels[np.isfinite(pixels).all(-1)]
+    width, height = size
+    outside = (known < -1.5).any(-1) | (known > [width + 0.5, height + 0.5]).any(-1)
+    if not outside.any():
+        return
+    (left, top), (right, bottom) = known.min(0), known.max(0)
+    fits = min(left, top) > -1.5 and right <= height + 0.5 and bottom <= width + 0.5
+    hint = "did you swap width and height?" if fits else "are they those of this camera, at full size?"
+    raise ShapeError(
+        f"{outside.sum()} of {len(known)} pixels lie outside a picture of {width} x {height} px: x goes from "
+        f"{left:.6g} to {right:.6g}, y from {top:.6g} to {bottom:.6g}; {hint}"
+    )
+
+
 def white_level(image: ArrayLike) -> float:
     """The value that stands for white in a picture.
 

@@ -14,6 +14,11 @@ _AT_TERMINAL = sys.stdout is not None and sys.stdout.isatty()
 console = Console(highlight=False, markup=False, width=None if _AT_TERMINAL else 110)  # names may hold [ ]
 
 
+def counted(count: int, what: str) -> str:
+    """A number of things: "1 photograph", "2 photographs"."""
+    return f"{count:,} {what}{'' if count == 1 else 's'}"
+
+
 def save_figure(figure, path: Path) -> None:
     """Write a figure as PNG, or raise OutputError."""
     try:

@@ -92,6 +92,7 @@ def export_cameras(
 ) -> None:
     """Write a setup's camera, or the virtual cameras of its views, for another program; see `cyclopean export`."""
     setup = read_setup(setup_file)
+    _check_pair(setup, output, format, what, views)
     if what == "camera":
         from ..geometry import Pose
 
@@ -112,6 +113,19 @@ def export_cameras(
     for note in notes:
         console.print(f"note: {note}")
     console.print(f"-> {output}: {', '.join(named.name for named in cameras)}")
+
+
+def _check_pair(setup: Setup, output: Path, format: str | None, what: str, views: Sequence[int] | None) -> None:
+    """Say before the work that MatchID's file wants two views."""
+    if format != "matchid" and not (format is None and output.suffix.lower() == ".caldat"):
+        return
+    pair = "give two views, --what virtual --view 0 --view 1"
+    if what == "camera":
+        raise SetupError(f"{output}: the matchid format holds two cameras, and the real camera is one: {pair}")
+    count = len(views or setup.optic.paths(setup.wavelength_nm))
+    if count != 2:
+        named = f"--view names {count}" if views else f"the setup has {count} views"
+        raise SetupError(f"{output}: the matchid format holds two cameras, but {named}: {pair}")
 
 
 def _virtual_cameras(

@@ -12,6 +12,7 @@ from rich.table import Table
 from ..errors import ImageError, SetupError
 from ..files import output_folder, read_photograph, read_setup, replacing
 from ..targets.seams import VIEWS, Reconciliation, Seams, find_seams, reconcile
+from .calibration_photographs import find_files
 from .console import console, progress_bars, save_figure
 
 
@@ -21,6 +22,9 @@ def find_regions(photos: Sequence[Path], views: int | None, setup_file: Path | N
         raise ImageError("no photograph was given; name one or more, for example: cyclopean regions photo*.png")
     if views is not None and views not in VIEWS:
         raise SetupError(f"--views must be {VIEWS[0]} to {VIEWS[-1]}, got {views}; leave it out if it is not known")
+    photos, remarks = find_files(photos, "regions")
+    for remark in remarks:
+        console.print(f"note: {remark}", style="yellow")
     setup = None if setup_file is None else read_setup(setup_file)
     first = read_photograph(photos[0], None if setup is None else setup.camera.size)
     size = first.shape[1], first.shape[0]

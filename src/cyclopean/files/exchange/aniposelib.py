@@ -33,8 +33,24 @@ def read(path: PathLike, size: tuple[int, int] | None, unit_mm: float) -> list[N
         raise SetupError(f"{path}: this is not TOML: {fault}") from None
     tables = {key: table for key, table in document.items() if isinstance(table, dict) and "matrix" in table}
     if not tables:
+        _refuse_our_own(document, path)
         raise SetupError(f"{path}: no camera; wanted tables cam_0, cam_1, ... with a matrix, got {', '.join(document)}")
     return [_camera(key, table, unit_mm, f"{path}: {key}") for key, table in tables.items()]
+
+
+def _refuse_our_own(document, path):
+    """An error that says which of our own files this is, if it is one."""
+    camera, board = (document[key] if isinstance(document.get(key), dict) else {} for key in ("camera", "board"))
+    if "size_px" in camera:
+        kind, what = (
+            ("setup", "for its camera alone") if "optic" in document else ("camera", "in place of a setup's own")
+        )
+        raise SetupError(
+            f"{path}: this is a {kind} file of cyclopean itself, with nothing to import: give it as it is, with "
+            f"{'--setup, or with ' if kind == 'setup' else ''}--camera {what}"
+        )
+    if "kind" in board:
+        raise SetupError(f"{path}: this is a board file of cyclopean: there is no camera in it")
 
 
 def _camera(key, table, unit_mm, where):

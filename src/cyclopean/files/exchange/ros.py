@@ -26,7 +26,10 @@ def read(path: PathLike, size: tuple[int, int] | None, unit_mm: float) -> list[N
     where = str(path)
     model = document.get("distortion_model", "plumb_bob")
     if model not in ("plumb_bob", "rational_polynomial"):
-        raise SetupError(f"{path}: distortion_model is {model!r}; wanted plumb_bob (k1 k2 p1 p2 k3)")
+        raise SetupError(
+            f"{path}: distortion_model is {model!r}, which has no place here; calibrate with plumb_bob "
+            "(k1 k2 p1 p2 k3), or undistort the photographs first and give the camera of the undistorted ones"
+        )
     matrix = find(find(document, "camera_matrix", where), "data", f"{where}: camera_matrix")
     lens = find(find(document, "distortion_coefficients", where), "data", f"{where}: distortion_coefficients")
     given = (find(document, "image_width", where), find(document, "image_height", where))
