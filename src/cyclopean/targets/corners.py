@@ -6,7 +6,8 @@ Two straight edges cross at the corner, and the blur of lens and pixel is Gaussi
 
 with d1, d2 the distances from the two edges over the blur's standard deviation, and Phi the normal distribution.
 Gauss-Newton finds the corner, both edge directions, the blur and the four brightnesses at once. Markers inside the
-quadrants are part of the model, or left out where their bits begin.
+quadrants are part of the model, or left out where their bits begin. Where the map from the board bends (lens, glass,
+perspective), d1 and d2 are taken in coordinates in which it is linear (see `curvature.py`).
 
 References
 ----------
@@ -56,7 +57,12 @@ class CornerFits:
 
 
 def fit_corners(
-    image: np.ndarray, valid: np.ndarray, pixels: np.ndarray, jacobians: np.ndarray, around: Surroundings
+    image: np.ndarray,
+    valid: np.ndarray,
+    pixels: np.ndarray,
+    jacobians: np.ndarray,
+    around: Surroundings,
+    second: np.ndarray | None = None,
 ) -> CornerFits:
     """Fit the model of a blurred corner at K places.
 
@@ -72,6 +78,8 @@ def fit_corners(
         px per mm, d pixel / d (x, y of the board) at each corner; negative determinant: seen from behind, or y up.
     around : Surroundings
         Of the same K corners.
+    second : (K, 3, 2) array, optional
+        px per mm², d² pixel / dx², dx dy and dy² of the board at each corner. Without, edges are taken as straight.
 
     Returns
     -------
@@ -99,7 +107,9 @@ def fit_corners(
     gaps = np.where(np.isfinite(gap), gap * per_mm, np.inf)
     image, valid = np.ascontiguousarray(image, dtype=np.float64), np.ascontiguousarray(valid, dtype=bool)
     places, inverses, found = pixels[rows], np.linalg.inv(jacobians[rows]), np.empty((len(rows), 7))
-    kernels.fit_all(image, valid, places, angles, inverses, shapes, gaps, around.extent, clear, _LARGEST, found)
+    second = np.zeros((len(pixels), 3, 2)) if second is None else np.asarray(second, dtype=float)
+    second = np.where(seen_from_behind[:, None, None], second * [[1], [-1], [1]], second)[rows]
+    kernels.fit_all(image, valid, places, angles, inverses, second, shapes, gaps, around.extent, clear, _LARGEST, found)
     fits[rows] = found
     fits[rows, 2] = np.sqrt(fits[rows, 2] ** 2 + _FLOOR**2 + _locking(angles, fits[rows, 6]) ** 2)
     return CornerFits(fits[:, :2], *fits[:, 2:].T)

@@ -6,6 +6,7 @@ import numpy as np
 
 from .boards import Board, turns
 from .corners import Surroundings, fit_corners
+from .curvature import bent_disc_offset, straightened
 from .growth import NOTHING, Found, LocalMap, homography_pixels
 
 _EXPLAINED = 0.85  # least share of a window's variance that a true corner's model explains
@@ -112,7 +113,8 @@ def _corners(image, valid, board, local):
     if np.median(fits.contrast[good]) < 0:  # black and white exchanged: a turn that the pattern does show is right
         shown = [turn for turn in turns(xy) if not any((turn == same).all() for same in board.symmetries)]
         numbers = shown[0][rows] if shown else rows
-    return Found(numbers, fits.pixels[rows], fits.sigma[rows]), ""
+    around = board.surroundings.rows(rows)
+    return Found(numbers, *straightened(image, valid, xy[rows], fits.pixels[rows], fits.sigma[rows], around)), ""
 
 
 def _true(fits, pixels, jacobians, board, explained):
@@ -136,7 +138,7 @@ def _goes_on(image, valid, board, local, explained):
 
 
 def _centres(image, valid, board, local):
-    """Centres of circles from the mean of their pixels, less the offset that perspective gives it."""
+    """Centres of circles from the mean of their pixels, less the offset that perspective and bending give it."""
     xy = board.points[:, :2]
     pixels, jacobians = local(xy)
     spacing = board.square * (np.sqrt(2) if board.kind == "asymmetric_circles" else 1)
@@ -145,6 +147,7 @@ def _centres(image, valid, board, local):
     radius = np.sqrt(fits[:, 3] / (np.pi * np.abs(np.linalg.det(jacobians))))
     centres = fits[:, :2] - _perspective_offset(local.homography, xy, radius)
     rows = np.flatnonzero(np.isfinite(fits).all(-1))
+    centres[rows] -= bent_disc_offset(xy[rows], centres[rows], radius[rows])
     if len(rows) < 0.5 * len(xy):
         return NOTHING, "circles were found, but they are too faint, or too near to a seam or to each other"
     return Found(rows, centres[rows], fits[rows, 2]), ""

@@ -12,6 +12,7 @@ import numpy as np
 
 from .boards import Board
 from .corners import CornerFits, Surroundings, fit_corners
+from .curvature import straightened
 
 _AHEAD = 1.7  # squares beyond what is known that are foretold
 _ROUNDS = 25
@@ -174,4 +175,7 @@ class _Search:
             limit = np.maximum(6 * 1.4826 * np.median(apart), 0.02 * self.fits[rows, 5]) + 5 * self.fits[rows, 2]
             unlike = 1 - self.fits[rows, 4]  # share of the variance left unexplained: large where half is hidden
             rows = rows[(apart < np.maximum(limit, 0.3)) & (unlike < 0.02 + 5 * np.median(unlike))]
-        return Found(rows, self.fits[rows, :2], self.fits[rows, 2])
+        places, around = self.places[rows], self.around.rows(rows)
+        return Found(
+            rows, *straightened(self.image, self.valid, places, self.fits[rows, :2], self.fits[rows, 2], around)
+        )

@@ -81,10 +81,11 @@ def _linearise(x, y, value, unknowns, shape, gaps, base, slopes):
 
 
 @njit(**OPTIONS)
-def _open_window(image, allowed, corner, inverse, shape, extent, clear, margin, window, base):
-    """Choose the pixels around a corner: rows x, y, value of window. How many; 0 when too many are missing.
+def _open_window(image, allowed, corner, inverse, second, shape, extent, clear, margin, window, base):
+    """Choose the pixels around a corner: rows x, y, value, column, row of window. How many; 0: too many are missing.
 
-    inverse : (2, 2) mm of the board per px; margin : px kept from the markers' bits.
+    inverse : (2, 2) mm of the board per px; second : see `fit_all`; margin : px kept from the markers' bits. The x, y
+    are those that the pixel would have if the map from the board were linear.
     """
     largest = int(math.sqrt(len(window))) // 2
     size = inverse[0, 0] * inverse[1, 1] - inverse[0, 1] * inverse[1, 0]  # mm² per px²
@@ -107,7 +108,9 @@ def _open_window(image, allowed, corner, inverse, shape, extent, clear, margin, 
             wanted += 1
             inside = 0 <= row < image.shape[0] and 0 <= column < image.shape[1]
             if inside and allowed[row, column]:
-                window[count, 0], window[count, 1], window[count, 2] = column, row, image[row, column]
+                window[count, 0] = column - 0.5 * (second[0, 0] * x * x + second[2, 0] * y * y) - second[1, 0] * x * y
+                window[count, 1] = row - 0.5 * (second[0, 1] * x * x + second[2, 1] * y * y) - second[1, 1] * x * y
+                window[count, 2], window[count, 3], window[count, 4] = image[row, column], column, row
                 count += 1
             elif dx * dx + dy * dy < 6.25:
                 return 0
@@ -192,7 +195,7 @@ def _variance(window, unknowns, shape, gaps, base, inverse, slopes):
     influence = np.zeros((side, side, 2))
     for i in range(len(window)):
         residual = _linearise(window[i, 0], window[i, 1], window[i, 2], unknowns, shape, gaps, base, slopes)
-        row, column = int(window[i, 1] - base[1]) + half + 1, int(window[i, 0] - base[0]) + half + 1
+        row, column = int(window[i, 4]) - base[1] + half + 1, int(window[i, 3]) - base[0] + half + 1
         for k in range(UNKNOWNS):
             influence[row, column, 0] += inverse[0, k] * slopes[k] * residual
             influence[row, column, 1] += inverse[1, k] * slopes[k] * residual
@@ -210,15 +213,15 @@ def _variance(window, unknowns, shape, gaps, base, inverse, slopes):
 
 
 @njit(**OPTIONS)
-def fit_one(image, allowed, guess, angles, inverse, shape, gaps, extent, clear, room, fit):
-    """Fit one corner, see `fit_all`; room : (side squared, 3) for the largest window's pixels."""
+def fit_one(image, allowed, guess, angles, inverse, second, shape, gaps, extent, clear, room, fit):
+    """Fit one corner, see `fit_all`; room : (side squared, 5) for the largest window's pixels."""
     fit[:] = np.nan
     unknowns, base, slopes = np.empty(UNKNOWNS), np.zeros(3, np.int64), np.empty(UNKNOWNS)
     unknowns[:2], unknowns[2:4], unknowns[4] = guess, angles, math.log(1.5)
     window, squares, covariance = room, np.nan, np.empty((UNKNOWNS, UNKNOWNS))
     for turn in range(2):  # the second window lies where the corner is
         margin = 1.5 if turn == 0 else max(1.5, 2.5 * math.exp(unknowns[4]))
-        count = _open_window(image, allowed, unknowns[:2], inverse, shape, extent, clear, margin, room, base)
+        count = _open_window(image, allowed, unknowns[:2], inverse, second, shape, extent, clear, margin, room, base)
         if count == 0:
             return
         window = room[:count]
@@ -237,7 +240,7 @@ def fit_one(image, allowed, guess, angles, inverse, shape, gaps, extent, clear, 
 
 
 @njit(**OPTIONS)
-def fit_all(image, allowed, guesses, angles, inverses, shapes, gaps, extent, clear, largest, fits):
+def fit_all(image, allowed, guesses, angles, inverses, second, shapes, gaps, extent, clear, largest, fits):
     """Fit K corners: fills fits (K, 7) with the columns of `corners.CornerFits`, NaN where the window is too small.
 
     Parameters
@@ -246,10 +249,24 @@ def fit_all(image, allowed, guesses, angles, inverses, shapes, gaps, extent, cle
     guesses : (K, 2) px
     angles : (K, 2) rad, directions of the edges' normals foretold
     inverses : (K, 2, 2) mm of the board per px
+    second : (K, 3, 2) px per mm², d² pixel / dx², dx dy, dy² of the board
     shapes : (K, 8);  gaps : (K, 2) px
     extent, clear : float, mm, see `corners.Surroundings`
     largest : int, px, half width of the largest window
     """
-    room = np.empty(((2 * largest + 1) ** 2, 3))
+    room = np.empty(((2 * largest + 1) ** 2, 5))
     for k in range(len(guesses)):
-        fit_one(image, allowed, guesses[k], angles[k], inverses[k], shapes[k], gaps[k], extent, clear, room, fits[k])
+        fit_one(
+            image,
+            allowed,
+            guesses[k],
+            angles[k],
+            inverses[k],
+            second[k],
+            shapes[k],
+            gaps[k],
+            extent,
+            clear,
+            room,
+            fits[k],
+        )
