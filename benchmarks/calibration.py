@@ -92,7 +92,12 @@ def parameters_part() -> dict[str, float]:
         found = calibrate(corners.observations, corners.board, drawn(truth))
         seconds = time.perf_counter() - start
         noise = rms(corners.observations.pixels - corners.truth)
-        free = calibrate(corners.observations, corners.board, drawn(truth), ("optic.pose", "optic.apex", "optic.thickness", "optic.index"))
+        free = calibrate(
+            corners.observations,
+            corners.board,
+            drawn(truth),
+            ("optic.pose", "optic.apex", "optic.thickness", "optic.index"),
+        )
         row = {
             "noise_px": noise,
             "reprojection_px": found.rms,

@@ -15,6 +15,7 @@ from cyclopean.cli import app
 from cyclopean.errors import SetupError
 from cyclopean.files import write_board, write_observations, write_setup
 from cyclopean.geometry import Pose
+from cyclopean.jobs.comparison_report import comparison_remarks, comparison_table
 from cyclopean.targets import Board, Observations
 
 DEPTHS = (500.0, 600.0, 700.0)
@@ -143,7 +144,7 @@ def test_a_corner_that_no_route_explains_does_not_count(seen, flat):
     pixels[7] += [60.0, -45.0]
     spoilt = compare(seen, BOARD, DRAWN, (PHYSICAL,), replace(flat, pixels=pixels))
     assert spoilt.routes[0].judgement.rows.sum() == len(flat) - 1
-    assert any("1 corners that no route explains were left out: a" in note for note in spoilt.notes)
+    assert any("1 corner that no route explains, left out: a" in note for note in spoilt.notes)
     assert spoilt.figures(spoilt.routes[0]).rms == pytest.approx(NOISE, rel=0.15)
 
 
@@ -185,15 +186,38 @@ def test_the_command_writes_tables_and_pictures(files, capsys):
     assert physical["figures"]["rms"] == pytest.approx(NOISE, rel=0.15)
     assert [row["depth"] for row in physical["known_depths"]] == [500.0, 700.0]
     page = (files / "out" / "report.html").read_text()
-    assert "Depth by ray sketch (edge)" in page
+    assert page.count("Recovered depth (mm)") == 1
+    assert page.count("<th>ray sketch (edge)</th>") == 3  # shape, errors in %, and depths
+    assert "nan" not in said + page
     assert (files / "out" / "comparison.png").stat().st_size > 10_000
+
+
+def test_figures_that_do_not_exist_are_dashes(comparison):
+    route = comparison.routes[1]
+    nothing = replace(route.judgement, points=0 * route.judgement.points, rigid=np.nan * route.judgement.rigid)
+    lame = replace(comparison, routes=(replace(route, judgement=nothing),))
+    columns, (row,) = comparison_table(lame)
+    assert "nan" not in "".join(row)
+    assert row[3] == "-"
+    assert columns[1:4] == ("time (s)", "pixels (px rms)", "shape (mm rms)")
+
+
+def test_virtual_cameras_that_drifted_are_told(comparison):
+    tied = by_name(comparison)["virtual cameras, intrinsics tied"]
+    far = replace(tied.judgement, depth=1.175 * comparison.depths)
+    drifted = replace(comparison, routes=(replace(tied, judgement=far),))
+    (remark,) = [text for text in comparison_remarks(drifted, ()) if "drifted" in text]
+    assert "depths are 17.5 % too large wherever the board stood" in remark
+    near = replace(tied.judgement, depth=comparison.depths * [1.175, 0.9, 1.0])  # not by one factor
+    scattered = replace(comparison, routes=(replace(tied, judgement=near),))
+    assert not [text for text in comparison_remarks(scattered, ()) if "drifted" in text]
 
 
 @pytest.mark.parametrize(
     ("more", "message"),
     [
         (("--test", "z"), "there is no one photograph 'z'"),
-        (("--test", "a", "--test-depths", "500,600"), "2 depths for 1 photographs"),
+        (("--test", "a", "--test-depths", "500,600"), "2 depths for 1 photograph to judge by"),
         (("--test", "a", "--test-depths", "far"), "a depth is a number of mm above 0, got 'far'"),
         (("--field-point", "a"), "--field-point wants PHOTO,DEPTH"),
         (("--test", "a", "--folds", "2"), "give one of the two"),

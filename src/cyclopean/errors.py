@@ -25,5 +25,9 @@ class ImageError(CyclopeanError, ValueError):
     """A photograph is missing, unreadable, or does not belong to the setup."""
 
 
+class CalibrationError(CyclopeanError, ValueError):
+    """A calibration ended with something that cannot be right."""
+
+
 class OutputError(CyclopeanError, OSError):
     """Results cannot be written."""

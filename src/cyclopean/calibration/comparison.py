@@ -273,8 +273,11 @@ def _run(fold, routes, seen, target, known, progress):
     for name, (result, held, seconds) in found.items():
         judgement = judge(result.views, held, seen, model, ~wrong, known)
         parts[name] = _Part(judgement, seconds, result.converged, result.message)
-    lost = f"{np.count_nonzero(wrong)} corners that no route explains were left out: {', '.join(_names(seen, wrong))}"
-    return parts, lost if wrong.any() else ""
+    count = int(np.count_nonzero(wrong))
+    lost = (
+        f"{count} corner{'' if count == 1 else 's'} that no route explains, left out: {', '.join(_names(seen, wrong))}"
+    )
+    return parts, lost if count else ""
 
 
 def _part_of(progress, turn, turns):

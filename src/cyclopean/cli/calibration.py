@@ -38,11 +38,13 @@ def calibrate(
     validate: bool = True,
     guide: bool = True,
     channel: Literal["all", "red", "green", "blue", "each"] = "all",
+    compare: bool = False,
 ) -> None:
     """Calibrate a setup from photographs of a board.
 
     Take 8 photographs or more through the optic, the board tilted by 20 to 40 degrees to all sides, near and far.
-    Writes the calibrated setup, and a folder with report.html, pictures, calibration.json and corners.csv.
+    Writes the calibrated setup, and a folder with report.html, pictures, calibration.json and corners.csv. A
+    calibration that cannot be right is written as NAME_failed.toml, and the exit status is 1.
 
     Parameters
     ----------
@@ -85,6 +87,9 @@ def calibrate(
         Say which photographs to take next.
     channel
         Colour to look at; each: all three, with one prism and an index for each.
+    compare
+        Set a ray sketch of the drawing, virtual cameras and this model side by side, each calibrated from half of the
+        photographs and judged by the rest; takes about as long as three more calibrations.
     """
     from ..jobs.calibration import run_calibration
     from ..jobs.calibration_request import Request
@@ -93,7 +98,7 @@ def calibrate(
         Request(
             photos, board, setup, output, report, camera_photos, camera_board, corners, save_corners, split_names(free),
             split_names(hold), split_names(tolerance), facets, glass, camera, parse_depths(depth), validate, guide,
-            channel,
+            channel, compare,
         )
     )  # fmt: skip
 

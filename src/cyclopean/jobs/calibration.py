@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import CyclopeanError, ImageError, SetupError
+from ..errors import CalibrationError, CyclopeanError, ImageError, SetupError
 from ..files import output_folder, read_board, read_observations, read_setup, write_observations, write_setup
 from ..files.calibrations import write_calibration
 from ..files.cameras import read_camera
@@ -25,8 +25,8 @@ from .calibration_photographs import (
     read_pictures,
     seams_moved,
 )
-from .calibration_request import Request, check, free_names, parse_tolerances
-from .console import console, progress_bars
+from .calibration_request import Request, check, check_names, free_names, parse_tolerances
+from .console import console, counted, progress_bars
 
 if TYPE_CHECKING:
     from ..calibration.physical import Calibration
@@ -60,8 +60,14 @@ class Evidence:
 
 
 def run_calibration(request: Request) -> None:
-    """Detect, calibrate, judge and write; see `cyclopean calibrate`."""
-    from .calibration_report import judge, say_calibration, write_findings
+    """Detect, calibrate, judge and write; see `cyclopean calibrate`.
+
+    Raises
+    ------
+    CalibrationError
+        When the calibration cannot be right: everything is written then, the setup under another name.
+    """
+    from .calibration_failure import as_failed, failure_message, failure_of, numbered_otherwise
 
     started = time.perf_counter()
     check(request)
@@ -70,12 +76,32 @@ def run_calibration(request: Request) -> None:
     drawn = _drawn_setup(request, camera)
     for path in (*request.outputs, *([request.save_corners] if request.save_corners else [])):
         output_folder(path.absolute().parent)
-    folder = output_folder(request.folder)
+    output_folder(request.folder)
     with progress_bars() as progress:
         if drawn is not None:
             evidence, calibration = from_drawing(request, board, drawn, progress)
         else:
             evidence, calibration = _without_drawing(request, board, camera, progress)
+    reason = failure_of(calibration)
+    if not reason:
+        _deliver(request, evidence, calibration, drawn, started)
+        return
+    hints = []
+    if request.corners is not None and drawn is not None:
+        with console.status("trying other numberings of the views"):
+            hints = list(filter(None, [numbered_otherwise(calibration)]))
+    request = as_failed(request)
+    warning = f"the calibration failed, nothing below is to be relied on: {reason}"
+    calibration = replace(calibration, notes=(warning, *hints, *calibration.notes))
+    _deliver(request, evidence, calibration, drawn, started)
+    raise CalibrationError(failure_message(request, reason, hints))
+
+
+def _deliver(request, evidence, calibration, drawn, started) -> None:
+    """Write the results, judge them, and write the report."""
+    from .calibration_report import judge, say_calibration, write_findings
+
+    folder = request.folder
     for path in (folder / "corners.csv", *([request.save_corners] if request.save_corners else [])):
         write_observations(path, evidence.found)
     for path, setup in zip(request.outputs, calibration.setups, strict=True):
@@ -84,7 +110,7 @@ def run_calibration(request: Request) -> None:
     (folder / "report.html").unlink(missing_ok=True)  # an older one would not belong to these results
     say_calibration(request, calibration, evidence.notes, time.perf_counter() - started)
     with progress_bars() as progress:
-        findings = judge(request, calibration, evidence.notes, progress)
+        findings = judge(request, calibration, evidence.notes, progress, drawn)
     with console.status("drawing the report"):
         write_findings(request, findings)
     console.print(f"-> {', '.join(map(str, request.outputs))}, report in {folder}/report.html")
@@ -105,9 +131,30 @@ def _drawn_setup(request, camera) -> Setup | None:
 
 
 def from_drawing(request, board, drawn: Setup, progress) -> tuple[Evidence, Calibration]:
-    from ..calibration.unknowns import Unknowns
+    """Look at the photographs where a drawing puts the sub-images, and calibrate from what they show.
 
-    Unknowns.of([drawn], (*request.free, *request.hold), parse_tolerances(request.tolerance, drawn))  # before the work
+    Parameters
+    ----------
+    request : Request
+    board : Target
+        The known object, as its file says.
+    drawn : Setup
+        The start.
+    progress : callable
+        Called as ``progress(what, done, total)``.
+
+    Returns
+    -------
+    Evidence, Calibration
+
+    Raises
+    ------
+    ImageError
+        When no photograph shows the board, with the drawing's sub-images or with those that its seams give.
+    SetupError
+        When the request does not fit the drawing, or the photographs show another number of sub-images.
+    """
+    check_names(request, drawn)
     rig = drawn.rig()
     mirrored = [view.mirrored for view in rig]
     size = drawn.camera.size
@@ -221,24 +268,8 @@ def _evidence(request, board, size, sub_images, mirrored, progress) -> Evidence:
     """Read and look at everything once; `sub_images` gives the masks."""
     if request.corners is not None:
         return Evidence(_read_corners(request.corners, board, size), board, [], None)
-    camera_board = board if request.camera_board is None else read_board(request.camera_board)
-    board, camera_board = _findable(board, request.board), _findable(camera_board, request.camera_board)
-    files, remarks = find_files(request.photos, "PHOTOS")
-    pictures, copies = read_pictures(files, size, (), progress)
-    remarks += copies
-    for channel in request.channels:
-        pictures.of_channel(channel)  # grey photographs have none: said before the work
-    direct = None
-    if request.camera_photos:
-        files, more = find_files(request.camera_photos, "--camera-photos")
-        bare, copies = read_pictures(files, pictures.size, pictures.names, progress, "reading camera photographs")
-        remarks += more + copies
-        try:
-            direct = detect(bare, camera_board, None, None, request.channels, progress, "board without the optic")
-        except ImageError as fault:
-            raise named("--camera-photos", fault) from None
-    for remark in remarks:
-        console.print(f"note: {remark}", style="yellow")
+    board = _findable(board, request.board)
+    pictures, direct, camera_board = _photographs(request, board, size, progress)
     looks = 0
 
     def look(masks, mirrored):
@@ -262,14 +293,37 @@ def _evidence(request, board, size, sub_images, mirrored, progress) -> Evidence:
         raise NothingFound(str(fault), pictures, look) from None
 
 
+def _photographs(request, board, size, progress):
+    """Pictures through the optic; what those without it show (or None), and the board in them."""
+    camera_board = board if request.camera_board is None else read_board(request.camera_board)
+    camera_board = _findable(camera_board, request.camera_board)
+    files, remarks = find_files(request.photos, "PHOTOS")
+    pictures, copies = read_pictures(files, size, (), progress)
+    remarks += copies
+    for channel in request.channels:
+        pictures.of_channel(channel)  # grey photographs have none: said before the work
+    direct = None
+    if request.camera_photos:
+        files, more = find_files(request.camera_photos, "--camera-photos")
+        bare, copies = read_pictures(files, pictures.size, pictures.names, progress, "reading camera photographs")
+        remarks += more + copies
+        try:
+            direct = detect(bare, camera_board, None, None, request.channels, progress, "board without the optic")
+        except ImageError as fault:
+            raise named("--camera-photos", fault) from None
+    for remark in remarks:
+        console.print(f"note: {remark}", style="yellow")
+    return pictures, direct, camera_board
+
+
 def _read_corners(path: Path, board: Target, size: tuple[int, int]) -> Observations:
     found = read_observations(path, board)
     outside = ~((found.pixels > -0.5) & (found.pixels < np.array(size) - 0.5)).all(-1)
     if outside.any():
         x, y = found.pixels[outside][0]
         raise SetupError(
-            f"{path}: {outside.sum()} corners lie outside a picture of {size[0]} x {size[1]} px, such as ({x:.1f}, "
-            f"{y:.1f}): is it the right setup, or were the photographs scaled?"
+            f"{path}: {counted(int(outside.sum()), 'corner')} outside a picture of {size[0]} x {size[1]} px, "
+            f"such as ({x:.1f}, {y:.1f}): is it the right setup, or were the photographs scaled?"
         )
     return found
 
@@ -283,10 +337,11 @@ def _findable(board: Target, path: Path) -> Board:
 def _settle(request, evidence, setups, masks, free_too=()) -> tuple[Evidence, Calibration]:
     """Calibrate, and look again with the calibrated sub-images until their seams stay; `masks` None: not drawn."""
     from ..calibration.physical import calibrate
+    from ..calibration.unknowns import Unknowns
 
     free = free_names(request, setups[0], evidence.found, free_too)
     tolerances = parse_tolerances(request.tolerance, setups[0])
-    if "optic.thickness" in free_too:
+    if "optic.thickness" in free_too and "optic.thickness" in Unknowns.of(setups, free).names:
         tolerances = {"optic.thickness": setups[0].optic.thickness} | tolerances
 
     def fit(observations):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -13,30 +12,37 @@ from rich.table import Table
 from ..errors import CyclopeanError
 from ..files import replacing
 from ..files.calibrations import write_calibration
-from ..targets import DIRECT
-from .calibration_photographs import COLOURS
-from .console import console
+from .calibration_tables import (
+    DEPTH_COLUMNS,
+    HELD_OUT_COLUMNS,
+    depth_rows,
+    depth_title,
+    held_out_rows,
+    held_rows,
+    parameter_rows,
+    photo_table,
+    setting_rows,
+    view_counts,
+)
+from .console import console, counted
 
 if TYPE_CHECKING:
+    from ..calibration.comparison import Comparison
     from ..calibration.depths import DepthErrors
     from ..calibration.guidance import Guidance
     from ..calibration.physical import Calibration
     from ..calibration.validation import Validation
+    from ..rigs import Setup
     from .calibration_request import Request
 
 _SHOWN = 5  # notes of the detector at the terminal; the report has all
 _ADVISED = 3
 _DEPTHS = 5
-DEPTH_COLUMNS = ("depth (mm)", "by noise (mm)", "by calibration (mm)", "both (mm)", "largest (mm)")
-HELD_OUT_COLUMNS = (
-    "depth",
-    "photographs",
-    "residuals (px)",
-    "flatness (mm)",
-    "spacing off (%)",
-    "+- (%)",
-    "shape (mm)",
+_BY_CALIBRATION = (
+    "The part by calibration is that of the free parameters, for errors of the corners that are independent of each "
+    "other; what the held values are wrong by comes on top."
 )
+_COMPARED = "Three routes, each judged by photographs that it has not seen"
 _HELD_OUT = "photographs left out of the calibration: residuals, and points triangulated from them against the board"
 
 
@@ -51,6 +57,7 @@ class Findings:
     errors: DepthErrors | None
     validation: Validation | None
     guidance: Guidance | None
+    comparison: Comparison | None = None  # with other routes
 
     @property
     def middle(self) -> int:
@@ -66,11 +73,10 @@ def say_calibration(request: Request, calibration: Calibration, notes: Sequence[
         console.print(f"note: {len(notes) - _SHOWN} more like these are in the report")
     seen, solution = calibration.observations, calibration.solution
     counts = ", ".join(f"{name}: {count:,}" for name, count in view_counts(calibration))
-    photos = f"{len(seen.photos)} photograph{'s' if len(seen.photos) > 1 else ''}"
-    console.print(f"{len(seen):,} corners in {photos} ({counts})")
+    console.print(f"{counted(len(seen), 'corner')} in {counted(len(seen.photos), 'photograph')} ({counts})")
     console.print(
         f"residuals {calibration.rms:.3g} px rms, {solution.sigma0:.3g} times the detector's noise; "
-        f"{calibration.outliers.sum()} outliers; {seconds:.0f} s"
+        f"{counted(int(calibration.outliers.sum()), 'outlier')}; {seconds:.0f} s"
     )
     start = "drawing" if request.setup is not None else "start"
     table = Table("parameter", box=None)
@@ -80,58 +86,34 @@ def say_calibration(request: Request, calibration: Calibration, notes: Sequence[
     for row in parameter_rows(calibration):
         table.add_row(*row)
     console.print(table)
+    held = [f"{name} {value} {unit}".rstrip() for name, _, value, _, unit in held_rows(calibration)]
+    console.print(f"held: {', '.join(held)}" if held else "held: nothing")
 
 
-def view_counts(calibration: Calibration) -> list[tuple[str, int]]:
-    """How many points each view shows."""
-    views, counts = np.unique(calibration.observations.view, return_counts=True)
-    names = ["without the optic" if view == DIRECT else f"view {view}" for view in views]
-    return list(zip(names, map(int, counts), strict=True))
-
-
-def parameter_rows(calibration: Calibration) -> list[tuple[str, str, str, str, str]]:
-    """Rows (name, start, value, sigma, unit), with as many digits as sigma has."""
-    rows = []
-    for name, start, value, sigma, unit in calibration.table():
-        if len(calibration.setups) == len(COLOURS):
-            name = re.sub(r"\[(\d)\]$", lambda number: f" ({COLOURS[int(number[1])]})", name)
-        digits = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 8)) if 0 < sigma < np.inf else 4
-        rows.append(
-            (
-                name,
-                f"{round(start, 4) + 0.0:.{min(digits, 4)}f}",
-                f"{round(value, digits) + 0.0:.{digits}f}",
-                f"{sigma:.{digits}f}",
-                unit,
-            )
-        )
-    return rows
-
-
-def judge(request: Request, calibration: Calibration, notes: Sequence[str], progress) -> Findings:
+def judge(
+    request: Request, calibration: Calibration, notes: Sequence[str], progress, drawn: Setup | None = None
+) -> Findings:
     """Find out how far a calibration can be trusted, telling the person each thing as it is known."""
     from ..calibration.trust import correlated, undetermined, warnings_of
+    from .calibration_failure import failure_of
 
     warnings = [*calibration.notes, *_alone(calibration), *warnings_of(calibration)]
-    unknown = [*(direction.text for direction in undetermined(calibration)), *correlated(calibration)]
     for text in warnings:
         console.print(f"warning: {text}", style="yellow")
+    if failure_of(calibration):  # figures of such a calibration would mean nothing
+        return Findings(calibration, notes, warnings, [], None, None, None)
+    unknown = [*(direction.text for direction in undetermined(calibration)), *correlated(calibration)]
     for text in unknown:
         console.print(f"open: {text}", style="yellow")
-    errors = validation = guidance = None
-    middle = len(calibration.setups) // 2
-    try:
-        errors = _depth_errors(request, calibration, middle)
-        say_table(depth_title(errors), DEPTH_COLUMNS, depth_rows(errors))
-    except CyclopeanError as fault:
-        if not any(str(fault) in text for text in warnings):
-            warnings.append(f"no errors of depth: {fault}")
-            console.print(f"warning: {warnings[-1]}", style="yellow")
+    errors = _depth_errors(request, calibration, warnings)
+    validation = guidance = comparison = None
     if request.validate and len(calibration.observations.photos) > 1:
         validation = _validation(calibration, warnings, progress)
+    if request.compare:
+        comparison = _comparison(request, calibration, drawn, warnings, progress)
     if request.guide and errors is not None:
-        guidance = _guidance(request, calibration, middle)
-    return Findings(calibration, notes, warnings, unknown, errors, validation, guidance)
+        guidance = _guidance(request, calibration, len(calibration.setups) // 2)
+    return Findings(calibration, notes, warnings, unknown, errors, validation, guidance, comparison)
 
 
 def _alone(calibration):
@@ -146,12 +128,21 @@ def _alone(calibration):
     ]
 
 
-def _depth_errors(request, calibration, channel):
+def _depth_errors(request, calibration, warnings):
     from ..calibration.trust import depth_errors
 
     depths = request.depths or calibration.setup.depths
     places = None if depths is None else np.linspace(depths[0], depths[1], _DEPTHS)
-    return depth_errors(calibration, places, channel=channel)
+    try:
+        errors = depth_errors(calibration, places, channel=len(calibration.setups) // 2)
+    except CyclopeanError as fault:
+        if not any(str(fault) in text for text in warnings):
+            warnings.append(f"no errors of depth: {fault}")
+            console.print(f"warning: {warnings[-1]}", style="yellow")
+        return None
+    say_table(depth_title(errors), DEPTH_COLUMNS, depth_rows(errors))
+    console.print(_BY_CALIBRATION)
+    return errors
 
 
 def _validation(calibration, warnings, progress):
@@ -164,6 +155,21 @@ def _validation(calibration, warnings, progress):
         console.print(f"warning: {warnings[-1]}", style="yellow")
         return None
     say_table(_HELD_OUT, HELD_OUT_COLUMNS, held_out_rows(found))
+    return found
+
+
+def _comparison(request, calibration, drawn, warnings, progress):
+    from .comparison import compare_three
+    from .comparison_report import say_comparison
+
+    try:
+        found = compare_three(request, calibration, drawn, progress)
+    except CyclopeanError as fault:
+        warnings.append(f"no comparison of routes: {fault}")
+        console.print(f"warning: {warnings[-1]}", style="yellow")
+        return None
+    console.print()
+    say_comparison(found, ())
     return found
 
 
@@ -196,31 +202,11 @@ def say_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]])
     console.print(table)
 
 
-def depth_title(errors: DepthErrors) -> str:
-    """What the table of depth errors shows."""
-    return f"standard deviation of depth, rms over the common field, for pixels matched to {errors.pixel_sigma:g} px"
-
-
-def depth_rows(errors: DepthErrors) -> list[tuple[str, ...]]:
-    """The table of depth errors as texts."""
-    return [(f"{depth:.0f}", *(f"{value:.3g}" for value in parts)) for depth, *parts in errors.table()]
-
-
-def held_out_rows(validation: Validation) -> list[tuple[str, ...]]:
-    """The table of the validation as texts."""
-    return [
-        tuple(
-            text.replace("+nan", "-").replace("nan", "-")
-            for text in (name, str(photos), f"{px:.3g}", f"{flat:.3g}", f"{mean:+.3f}", f"{spread:.2g}", f"{shape:.3g}")
-        )
-        for name, photos, px, flat, mean, spread, shape in validation.table()
-    ]
-
-
 def write_findings(request: Request, findings: Findings) -> None:
     """Write calibration.json, then the pictures, then the page."""
     from .. import plotting
     from ..plotting import calibration as drawing
+    from .comparison_report import comparison_remarks
 
     folder, calibration = request.folder, findings.calibration
     write_calibration(folder / "calibration.json", calibration, document_of(request, findings))
@@ -231,33 +217,47 @@ def write_findings(request: Request, findings: Findings) -> None:
         "photos": ("Residuals of each photograph", drawing.photo_picture(calibration, held_out)),
     }
     if findings.errors is not None:
-        caption = "Standard deviation of triangulated depth, by noise and calibration together"
+        caption = "Standard deviation of triangulated depth: noise and calibration together, and the calibration's part"
         figures["depth_errors"] = (caption, drawing.depth_error_picture(findings.errors))
     for name, (_, figure) in figures.items():
         with replacing(folder / f"{name}.png") as file:
             figure.savefig(file, format="png")
+    captions = {}
+    if findings.errors is not None:
+        captions[_capital(depth_title(findings.errors))] = _BY_CALIBRATION
+    if findings.comparison is not None:
+        captions[_COMPARED] = " ".join(_sentence(text) for text in comparison_remarks(findings.comparison, ()))
     plotting.write_report(
         folder / "report.html",
         f"Calibration: {', '.join(path.name for path in request.outputs)}",
-        f"{len(calibration.observations.photos)} photographs, {len(calibration.observations):,} corners, residuals "
+        f"{counted(len(calibration.observations.photos), 'photograph')}, "
+        f"{counted(len(calibration.observations), 'corner')}, residuals "
         f"{calibration.rms:.3g} px rms. Sigma is a standard deviation. Lengths in mm.",
         report_tables(request, findings),
         dict(figures.values()),
         [*findings.warnings, *findings.open],
+        captions,
     )
 
 
 def report_tables(request: Request, findings: Findings) -> dict[str, tuple[Sequence[str], Sequence[Sequence[object]]]]:
     """The tables of the page."""
+    from .comparison_report import comparison_table
+
     calibration = findings.calibration
     start = "drawing" if request.setup is not None else "start"
     tables: dict[str, tuple[Sequence[str], Sequence[Sequence[object]]]] = {
-        "Parameters": (("parameter", start, "found", "sigma", "unit"), parameter_rows(calibration)),
+        "Parameters": (
+            ("parameter", start, "found", "sigma", "unit"),
+            [*parameter_rows(calibration), *held_rows(calibration)],
+        ),
     }
     if findings.errors is not None:
         tables[_capital(depth_title(findings.errors))] = (DEPTH_COLUMNS, depth_rows(findings.errors))
     if findings.validation is not None:
         tables[_capital(_HELD_OUT)] = (HELD_OUT_COLUMNS, held_out_rows(findings.validation))
+    if findings.comparison is not None:
+        tables[_COMPARED] = comparison_table(findings.comparison)
     if findings.guidance is not None:
         lines = findings.guidance.text.splitlines()
         tables["Photographs to take next"] = (("",), [(line,) for line in lines])
@@ -272,39 +272,14 @@ def _capital(text):
     return text[:1].upper() + text[1:]
 
 
-def photo_table(calibration: Calibration) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Corners in each view of each photograph, its residuals and the board's depth."""
-    from ..calibration.depths import rig_points, rms
-
-    seen, depths = calibration.observations, rig_points(calibration)[:, 2]
-    views = np.unique(seen.view)
-    rows = []
-    for k, name in enumerate(seen.photos):
-        mine = seen.photo == k
-        counts = [str(int(np.sum(mine & (seen.view == view)))) for view in views]
-        size = rms(calibration.residuals[mine & ~calibration.outliers])
-        lost = int(np.sum(mine & calibration.outliers))
-        rows.append((name, *counts, f"{size:.3g}", str(lost), f"{depths[mine].mean():.0f}"))
-    columns = ["no optic" if view == DIRECT else f"view {view}" for view in views]
-    return ("photograph", *columns, "residuals (px rms)", "outliers", "depth (mm)"), rows
-
-
-def setting_rows(request: Request, calibration: Calibration) -> list[tuple[str, str]]:
-    """What was asked for."""
-    rows = [
-        ("board", f"{request.board.name}: {calibration.target}"),
-        ("free", ", ".join(calibration.unknowns.names)),
-        ("colour", request.channel),
-        ("noise of the corners, as detected (px)", f"{np.median(calibration.observations.sigma):.3g}"),
-        ("found noise / detected noise", f"{calibration.solution.sigma0:.3g}"),
-    ]
-    if request.setup is not None:
-        rows.insert(0, ("nominal setup", request.setup.name))
-    return rows
+def _sentence(text):
+    return f"{_capital(text)}."
 
 
 def document_of(request: Request, findings: Findings) -> dict[str, Any]:
     """What the findings add to calibration.json."""
+    from .comparison_report import routes_document
+
     more: dict[str, Any] = {
         "setups": [path.name for path in request.outputs],
         "warnings": findings.warnings,
@@ -318,6 +293,8 @@ def document_of(request: Request, findings: Findings) -> dict[str, Any]:
     if findings.validation is not None:
         names = ("depths", "photographs", "rms_px", "flatness", "spacing_percent", "spacing_sd_percent", "rigid")
         more["held_out"] = [dict(zip(names, row, strict=True)) for row in findings.validation.table()]
+    if findings.comparison is not None:
+        more["routes"] = routes_document(findings.comparison)
     if findings.guidance is not None:
         more["next_photographs"] = [advice.text for advice in findings.guidance.advice[: findings.guidance.worth]]
     return more

@@ -41,6 +41,7 @@ class Request:
     validate: bool = True
     guide: bool = True
     channel: str = "all"
+    compare: bool = False
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -86,6 +87,17 @@ def check(request: Request) -> None:
     for path in request.outputs:
         if path.absolute() in given:
             raise SetupError(f"{path}: the output would overwrite a file that was given; choose another name")
+
+
+def check_names(request: Request, setup: Setup) -> None:
+    """Raise SetupError before the work where parameters do not exist, or a tolerance is given for a held one."""
+    from ..calibration.unknowns import Unknowns
+
+    tolerances = parse_tolerances(request.tolerance, setup)
+    Unknowns.of([setup], (*request.free, *request.hold, *tolerances), tolerances)
+    if request.free:
+        colours = ("optic.index",) if request.channel == "each" and "optic.index" in setup.parameter_names else ()
+        Unknowns.of([setup], (*request.free, *colours), tolerances)
 
 
 def free_names(

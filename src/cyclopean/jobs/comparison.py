@@ -4,41 +4,32 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.table import Table
 
 from ..errors import SetupError
-from ..files import output_folder, read_board, read_observations, read_setup, replacing
+from ..files import output_folder, read_board, read_observations, read_setup
 from ..files.disk import read_bytes
 from ..targets import DIRECT, Board, Observations, Target
 from .calibration import from_drawing
+from .calibration_failure import failure_of
 from .calibration_photographs import detect, find_files, read_pictures
 from .calibration_request import Request, check
-from .console import console, progress_bars, save_figure
+from .comparison_report import say_comparison, write_comparison
+from .console import console, counted, progress_bars
 
 if TYPE_CHECKING:
-    from ..calibration.comparison import Comparison, Route
+    from ..calibration.comparison import Comparison
+    from ..calibration.physical import Calibration
     from ..calibration.routes import FieldPoint
     from ..rigs import Setup
 
-_COLUMNS = (
-    "route",
-    "time (s)",
-    "px",
-    "rigid fit (mm)",
-    "largest (mm)",
-    "% of depth",
-    "square (mm)",
-    "square (%)",
-    "flat (mm)",
-)
-_THESIS_COLUMNS = ("actual depth (mm)", "recovered depth (mm)", "error (%)", "rms (mm)", "largest (mm)")
+_THREE = ("ray sketch (middle)", "virtual cameras, intrinsics free", "physical model")
+_THREE_FOLDS = 2
 
 
 @dataclass(frozen=True)
@@ -106,16 +97,18 @@ def run_comparison(request: ComparisonRequest) -> None:
             progress=lambda done, total: progress("calibrating by every route", done, total),
         )
     with console.status("drawing the report"):
-        _write(folder, request, comparison, material.notes)
-    _say(comparison, material.notes)
+        write_comparison(folder, request.setup.name, comparison, material.notes)
+    say_comparison(comparison, material.notes)
     console.print(f"-> {folder}/comparison.json, comparison.png, report.html")
 
 
 def _from_photographs(request, as_calibration, setup: Setup, progress) -> _Material:
     board = read_board(request.board)
     evidence, calibration = from_drawing(as_calibration, board, setup, progress)
+    reason = failure_of(calibration)
+    said = [*([f"the photographs do not fit the setup: {reason}"] if reason else []), *evidence.notes]
     if not request.test:
-        return _Material(evidence.found, evidence.target, None, None, evidence.notes)
+        return _Material(evidence.found, evidence.target, None, None, said)
     test_board = board if request.test_board is None else read_board(request.test_board)
     if not isinstance(test_board, Board):
         raise SetupError(f"{request.test_board}: points in space cannot be found in photographs")
@@ -128,7 +121,7 @@ def _from_photographs(request, as_calibration, setup: Setup, progress) -> _Mater
     test, notes = detect(
         pictures, test_board, rig.masks, mirrored, (request.channel,), progress, "board in the test photographs"
     )
-    return _Material(evidence.found, evidence.target, test, test_board, [*evidence.notes, *remarks, *copies, *notes])
+    return _Material(evidence.found, evidence.target, test, test_board, [*said, *remarks, *copies, *notes])
 
 
 def _from_corners(request) -> _Material:
@@ -166,8 +159,8 @@ def _known_depths(text: str | None, judged: Observations) -> dict[str, float]:
     depths = [_depth(word, "--test-depths") for word in text.split(",")]
     if len(depths) != len(photos):
         raise SetupError(
-            f"--test-depths gives {len(depths)} depths for {len(photos)} photographs that judge: give one for each, or "
-            "a CSV file with the columns photo,depth_mm"
+            f"--test-depths gives {counted(len(depths), 'depth')} for {counted(len(photos), 'photograph')} to judge "
+            "by: give one for each, or a CSV file with the columns photo,depth_mm"
         )
     return dict(zip(photos, depths, strict=True))
 
@@ -217,146 +210,21 @@ def _field_point(text: str | None, found: Observations, setup: Setup) -> FieldPo
     return FieldPoint(pixels, _depth(depth, "--field-point"))
 
 
-def _row(comparison: Comparison, route: Route) -> tuple[str, ...]:
-    """One route's figures as text."""
-    if route.failed:
-        return (route.name, *["-"] * (len(_COLUMNS) - 1))
-    found = comparison.figures(route)
-    return (
-        route.name,
-        f"{route.seconds:.2f}",
-        f"{found.rms:.3f}",
-        f"{found.rigid:.3f}",
-        f"{found.rigid_max:.2f}",
-        f"{found.rigid_percent:.4f}",
-        f"{found.square:+.4f}",
-        f"{found.square_percent:+.3f}",
-        f"{found.flatness:.3f}",
+def compare_three(request: Request, calibration: Calibration, drawn: Setup | None, progress) -> Comparison:
+    """A ray sketch, virtual cameras and the physical model on the photographs of a calibration, in half and half."""
+    from ..calibration.comparison import compare
+
+    seen, middle = calibration.observations, len(calibration.setups) // 2
+    one = seen.select(seen.channel == middle)
+    found = compare(
+        replace(one, channel=np.zeros(len(one), dtype=int)),
+        calibration.target,
+        calibration.unknowns.setups[middle] if drawn is None else drawn,
+        _THREE,
+        folds=_THREE_FOLDS,
+        progress=lambda done, total: progress("comparing three routes", done, total),
     )
-
-
-def _bin_rows(comparison: Comparison) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Columns and rows of the rigid fit of each route in each depth bin, % of depth."""
-    routes = [route for route in comparison.routes if not route.failed]
-    rows = [
-        (name, *(f"{comparison.figures(route, mask).rigid_percent:.4f}" for route in routes))
-        for name, mask in comparison.bins()
-    ]
-    return ("depth", *(route.name for route in routes)), rows
-
-
-def _known_rows(comparison: Comparison) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Columns and rows of each route's error (%) of the mean recovered depth at each known depth."""
-    routes = [route for route in comparison.routes if not route.failed]
-    tables = [comparison.depth_table(route) for route in routes]
-    depths = np.unique(comparison.known[np.isfinite(comparison.known)])
-    rows = [(f"{z:g} mm", *(f"{table[k].percent:+.3f}" for table in tables)) for k, z in enumerate(depths)]
-    totals = np.transpose([comparison.depth_percent(route) for route in routes]) if routes else np.zeros((2, 0))
-    rows += [(name, *(f"{x:.3f}" for x in row)) for name, row in zip(("rms (%)", "largest (%)"), totals, strict=True)]
-    return ("depth", *(route.name for route in routes)), rows
-
-
-def _remarks(comparison: Comparison, notes: Sequence[str]) -> list[str]:
-    """What went wrong, then what to know."""
-    wrong = [f"{route.name}: {route.message}" for route in comparison.routes if route.message]
-    return [*wrong, *comparison.notes, *notes]
-
-
-def _write(folder: Path, request: ComparisonRequest, comparison: Comparison, notes: Sequence[str]) -> None:
-    from .. import plotting
-    from ..plotting.comparison import comparison_picture
-
-    document = json.dumps(_document(comparison, notes), indent=1, allow_nan=False)
-    with replacing(folder / "comparison.json") as file:
-        file.write(document.encode())
-    picture = comparison_picture(comparison)
-    save_figure(picture, folder / "comparison.png")
-    tables: dict[str, tuple[Sequence[str], Sequence[Sequence[object]]]] = {
-        "All photographs that judged": (_COLUMNS, [_row(comparison, route) for route in comparison.routes]),
-        "Rigid fit by depth, % of depth": _bin_rows(comparison),
-    }
-    if np.isfinite(comparison.known).any():
-        tables["Error of the mean recovered depth, %; rms and largest error over all points"] = _known_rows(comparison)
-        for route in comparison.routes:
-            if not route.failed:
-                rows = [
-                    (f"{row.depth:g}", f"{row.mean:.2f}", f"{row.percent:+.3f}", f"{row.rms:.3f}", f"{row.largest:.3f}")
-                    for row in comparison.depth_table(route)
-                ]
-                tables[f"Depth by {route.name}"] = (_THESIS_COLUMNS, rows)
-    plotting.write_report(
-        folder / "report.html",
-        f"Calibrations of {request.setup.name} compared",
-        f"Each calibrated from {comparison.calibrations} photographs through the optic or more, judged by "
-        f"{len(comparison.photos)} that it has not seen. Lengths in mm, of points triangulated from two views or more.",
-        tables,
-        {"Errors of every route over depth, and its reprojection error": picture},
-        _remarks(comparison, notes),
-    )
-
-
-def _document(comparison: Comparison, notes: Sequence[str]) -> dict[str, Any]:
-    """Everything as plain data; None where there is no number."""
-    photos = zip(comparison.photos, comparison.depths, comparison.known, strict=True)
-    routes = []
-    for route in comparison.routes:
-        bins = {name: comparison.figures(route, mask)._asdict() for name, mask in comparison.bins()}
-        routes.append(
-            {
-                "name": route.name,
-                "seconds": route.seconds,
-                "converged": route.converged,
-                "message": route.message,
-                "figures": comparison.figures(route)._asdict(),
-                "by_depth": bins,
-                "known_depths": [row._asdict() for row in comparison.depth_table(route)],
-                "known_depths_percent": dict(zip(("rms", "largest"), comparison.depth_percent(route), strict=True)),
-                "photographs": {name: values.tolist() for name, values in asdict(route.judgement).items()},
-            }
-        )
-    return _plain(
-        {
-            "units": "mm, px; *_percent in %",
-            "photographs": [{"name": n, "depth": d, "known_depth": k} for n, d, k in photos],
-            "spacing": comparison.spacing,
-            "calibrated_from": comparison.calibrations,
-            "routes": routes,
-            "notes": [*comparison.notes, *notes],
-        }
-    )
-
-
-def _plain(value):
-    if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value
-
-
-def _say(comparison: Comparison, notes: Sequence[str]) -> None:
-    """Tell the person what came out."""
-    console.print(
-        f"judged by {len(comparison.photos)} photographs that no calibration has seen, the pose of the board fitted:"
-    )
-    _print_table(_COLUMNS, [_row(comparison, route) for route in comparison.routes])
-    if len(comparison.bins()) > 1:
-        console.print("\nrigid fit by depth, % of depth:")
-        _print_table(*_bin_rows(comparison))
-    if np.isfinite(comparison.known).any():
-        console.print("\nerror of the mean recovered depth, %, then rms and largest error over all points:")
-        _print_table(*_known_rows(comparison))
-    for remark in _remarks(comparison, notes):
-        console.print(f"note: {remark}", style="yellow")
-
-
-def _print_table(columns, rows):
-    table = Table(box=None, padding=(0, 1, 0, 0))
-    table.add_column(columns[0], no_wrap=True)
-    for name in columns[1:]:
-        table.add_column(name, justify="right", max_width=10)
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
+    if not (request.free or request.hold or request.tolerance):
+        return found
+    note = "the physical model of this table finds what is usually found, not what --free, --hold and --tolerance say"
+    return replace(found, notes=(*found.notes, note))

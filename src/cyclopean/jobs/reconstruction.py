@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -94,45 +93,27 @@ def write_results(
     """Write the numbers first, then the pictures, then the report."""
     from .. import plotting
 
+    sigma = np.sqrt(result.covariance[:, 2, 2])
     write_ply(
-        folder / "points.ply",
-        result.points,
-        colors=result.colours,
-        covariance=result.covariance,
-        sigma=np.sqrt(result.covariance[:, 2, 2]),
-    )
+        folder / "points.ply", result.points, colors=result.colours, covariance=result.covariance, sigma=sigma
+    )  # fmt: skip
     write_depths(
-        folder / "depth.npz",
-        depth=result.depth,
-        confidence=result.confidence,
-        sigma=result.sigma,
-        view=result.view,
+        folder / "depth.npz", depth=result.depth, confidence=result.confidence, sigma=result.sigma, view=result.view
     )
     regions = plotting.outlined_picture(photograph, result.rig)
     depth = plotting.depth_picture(result.depth)
     overview = plotting.overview_picture(photograph, result.rig, result.depth, result.points, result.colours)
     for name, figure in (("regions", regions), ("depth", depth), ("overview", overview)):
         save_figure(figure, folder / f"{name}.png")
-    tables: dict[str, tuple[Sequence[str], Sequence[Sequence[object]]]] = {
-        "Views": (
-            ("view", "pixels", "with depth (%)", "median depth (mm)", "median sigma (mm)"),
-            [view_row(result, k) for k in range(len(result.rig))],
-        ),
-        "Settings": (
-            ("setting", "value"),
-            [
-                (
-                    "photograph",
-                    f"{photo.name}, {photograph.shape[1]} x {photograph.shape[0]} px, {photograph.dtype}",
-                ),
-                ("setup", setup_file.name),
-                ("depth range (mm)", f"{result.depths[0]:g} to {result.depths[1]:g}"),
-                ("step between hypotheses (px)", f"{step:g}"),
-                ("points", f"{len(result.points):,}"),
-                ("time without pictures (s)", f"{seconds:.1f}"),
-            ],
-        ),
-    }
+    height, width = photograph.shape[:2]
+    settings = [
+        ("photograph", f"{photo.name}, {width} x {height} px, {photograph.dtype}"),
+        ("setup", setup_file.name),
+        ("depth range (mm)", f"{result.depths[0]:g} to {result.depths[1]:g}"),
+        ("step between hypotheses (px)", f"{step:g}"),
+        ("points", f"{len(result.points):,}"),
+        ("time without pictures (s)", f"{seconds:.1f}"),
+    ]
     pictures = {
         "The photograph with its sub-images": regions,
         "Depth of every pixel, z in the camera's frame": depth,
@@ -142,10 +123,16 @@ def write_results(
         folder / "report.html",
         f"Reconstruction of {photo.name}",
         "Lengths in mm. Sigma is the standard deviation that the matcher states for each depth.",
-        tables,
+        {"Views": view_table(result), "Settings": (("setting", "value"), settings)},
         pictures,
         warnings,
     )
+
+
+def view_table(result: Reconstruction) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Columns and rows of numbers about every view."""
+    columns = ("view", "pixels", "with depth (%)", "median depth (mm)", "median sigma (mm)")
+    return columns, [view_row(result, k) for k in range(len(result.rig))]
 
 
 def view_row(result: Reconstruction, k: int) -> tuple[str, ...]:
@@ -160,9 +147,10 @@ def view_row(result: Reconstruction, k: int) -> tuple[str, ...]:
 
 def say_results(result: Reconstruction, folder: Path, seconds: float) -> None:
     """Tell the person what came out."""
-    table = Table("view", "pixels", "with depth (%)", "median depth (mm)", "median sigma (mm)", box=None)
-    for k in range(len(result.rig)):
-        table.add_row(*view_row(result, k))
+    columns, rows = view_table(result)
+    table = Table(*columns, box=None)
+    for row in rows:
+        table.add_row(*row)
     console.print(table)
     if not len(result.points):
         console.print(

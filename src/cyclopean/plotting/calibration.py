@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from ..calibration.depths import DepthErrors, largest, rig_points, rms
 from ..calibration.physical import Calibration
@@ -16,14 +17,18 @@ from .pictures import VIEW_COLOURS
 
 _ARROWS = 2500  # more do not show
 _ARROW_LENGTH = 0.035  # of the picture's width, that of the 95th percentile of the residuals
+_LONGEST = 0.1  # of the picture's width; longer arrows are cut
 _BINS = 61
-_FEW_DECADES = 20  # largest over smallest value, below which a logarithmic axis wants numbers between powers of ten
+_NARROW = 4  # largest over smallest value, below which a logarithmic axis wants numbers between 1, 2 and 5
 _GREY = "#555555"
 _WORST = "#d55e00"
 
 
 def residual_picture(calibration: Calibration) -> Figure:
-    """Residual arrows over the photograph, and the histogram of their coordinates with a normal curve."""
+    """Residual arrows over the photograph, and the histogram of their coordinates with a normal curve.
+
+    The curve has the robust sigma of the coordinates, 1.4826 times the median of their distances from their median.
+    """
     kinds = _kinds(calibration)
     figure = Figure(figsize=(6.4 * len(kinds) + 4.2, 5.6), dpi=110, layout="constrained")
     axes = figure.subplots(1, len(kinds) + 1, width_ratios=[6] * len(kinds) + [4])
@@ -49,26 +54,44 @@ def _draw_arrows(axes: Axes, calibration: Calibration, rows: np.ndarray, unit: f
     width, _ = calibration.setup.camera.size
     per_px = _ARROW_LENGTH * width / unit
     _draw_seams(axes, calibration, rows)
+    _label_views(axes, calibration, rows)
     good = np.flatnonzero(rows & ~calibration.outliers & np.isfinite(residuals).all(-1))
     good = np.sort(np.random.default_rng(0).permutation(good)[:_ARROWS])
     colours = np.array([*VIEW_COLOURS, _GREY])
     shades = colours[np.where(seen.view[good] == DIRECT, -1, seen.view[good] % len(VIEW_COLOURS))]
+    shown = residuals[good] * per_px
+    length = np.linalg.norm(shown, axis=-1)
+    cut = length > _LONGEST * width
+    shown[cut] *= (_LONGEST * width / length[cut])[:, None]
     arrows = axes.quiver(
         *seen.pixels[good].T,
-        *residuals[good].T,
+        *shown.T,
         color=shades,
         angles="xy",
         scale_units="xy",
-        scale=1 / per_px,
+        scale=1,
         width=0.0016,
         headwidth=4,
     )
     lost = rows & calibration.outliers
     if lost.any():
-        axes.plot(*seen.pixels[lost].T, "x", color="#cc0000", markersize=5, label=f"{lost.sum()} outliers")
-        axes.legend(loc="upper right", fontsize=8)
-    axes.quiverkey(arrows, 0.08, -0.035, unit, f"{unit:g} px", labelpos="E", color="black")
+        count = int(lost.sum())
+        label = f"{count:,} outlier{'' if count == 1 else 's'}"
+        axes.plot(*seen.pixels[lost].T, "x", color="#cc0000", markersize=5, label=label)
+        axes.legend(loc="upper right", bbox_to_anchor=(1.0, 0.0), fontsize=8, frameon=False)
+    key = f"{unit:g} px" + (f"; {cut.sum():,} longer than {_LONGEST * width / per_px:.3g} px cut" if cut.any() else "")
+    axes.quiverkey(arrows, 0.08, -0.035, unit * per_px, key, labelpos="E", color="black")
     _frame(axes, calibration.setup.camera.size)
+
+
+def _label_views(axes, calibration, rows):
+    """The number of each view in the middle of what it shows, in the colour of its arrows."""
+    seen = calibration.observations
+    for number in np.unique(seen.view[rows & (seen.view != DIRECT)]):
+        middle = np.median(seen.pixels[rows & (seen.view == number)], axis=0)
+        colour = VIEW_COLOURS[number % len(VIEW_COLOURS)]
+        box = {"boxstyle": "round", "facecolor": "white", "edgecolor": colour, "linewidth": 1.5, "alpha": 0.85}
+        axes.annotate(f"view {number}", middle, ha="center", va="center", fontsize=9, bbox=box, zorder=4)
 
 
 def _draw_seams(axes, calibration, rows):
@@ -98,11 +121,11 @@ def _draw_histogram(axes: Axes, calibration: Calibration) -> None:
     axes.hist(np.clip(values, -limit, limit), edges.tolist(), color="#56b4e9")
     x = np.linspace(-limit, limit, 300)
     height = values.size * (edges[1] - edges[0]) / (sigma * np.sqrt(2 * np.pi))
-    axes.plot(x, height * np.exp(-0.5 * ((x - middle) / sigma) ** 2), color="black", label=f"normal, {sigma:.3g} px")
-    axes.set(
-        xlabel="residual coordinate (px)", yticks=[], title=f"{values.size:,} coordinates, {rms(values):.3g} px rms"
-    )
-    axes.legend(loc="upper left", fontsize=8)
+    label = f"normal curve of the robust sigma, {sigma:.3g} px"
+    axes.plot(x, height * np.exp(-0.5 * ((x - middle) / sigma) ** 2), color="black", label=label)
+    axes.set(xlabel="residual coordinate (px)", yticks=[])
+    axes.set_title(f"{values.size:,} coordinates, {rms(values):.3g} px rms", pad=26)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize=8, frameon=False)
     axes.spines[["top", "left", "right"]].set_visible(False)
 
 
@@ -134,30 +157,41 @@ def coverage_picture(calibration: Calibration) -> Figure:
 
 
 def depth_error_picture(errors: DepthErrors) -> Figure:
-    """Standard deviation of depth over the field at the nearest, middle and farthest depth, and over depth."""
-    figure = Figure(figsize=(16, 4.4), dpi=110, layout="constrained")
+    """Standard deviation of depth over the field at the nearest, middle and farthest depth, and over depth.
+
+    The upper row shows noise and calibration together, the lower one the calibration's part.
+    """
+    figure = Figure(figsize=(16, 6.6), dpi=110, layout="constrained")
     places = sorted({0, len(errors.depths) // 2, len(errors.depths) - 1})
-    axes = figure.subplots(1, len(places) + 1, width_ratios=[4] * len(places) + [5])
-    for one, k in zip(axes, places, strict=False):
-        x, y = errors.points[k, ..., 0], errors.points[k, ..., 1]
-        one.set_title(f"depth {errors.depths[k]:.0f} mm")
-        if not np.isfinite(errors.total[k]).any():
-            one.text(0.5, 0.5, "seen by fewer\nthan two views", ha="center", va="center", transform=one.transAxes)
-            one.set(xticks=[], yticks=[])
-            continue
-        shown = one.pcolormesh(x, y, np.ma.masked_invalid(errors.total[k]), cmap="magma_r", shading="nearest")
-        one.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
-        one.invert_yaxis()
-        figure.colorbar(shown, ax=one, label="sigma of depth (mm)", shrink=0.85)
-    _draw_curves(axes[-1], errors)
+    grid = figure.add_gridspec(2, len(places) + 1, width_ratios=[4] * len(places) + [5.5])
+    for row, (what, values) in enumerate((("total", errors.total), ("by calibration", errors.calibration))):
+        for column, k in enumerate(places):
+            axes = figure.add_subplot(grid[row, column])
+            axes.set_title(f"{what}, depth {errors.depths[k]:.0f} mm")
+            _draw_map(axes, errors.points[k], values[k])
+    _draw_curves(figure.add_subplot(grid[:, -1]), errors)
     return figure
+
+
+def _draw_map(axes, points, values):
+    """A map (H, W) of standard deviations (mm) over points (H, W, 3)."""
+    if not np.isfinite(values).any():
+        axes.text(0.5, 0.5, "seen by fewer\nthan two views", ha="center", va="center", transform=axes.transAxes)
+        axes.set(xticks=[], yticks=[])
+        return
+    shown = axes.pcolormesh(
+        points[..., 0], points[..., 1], np.ma.masked_invalid(values), cmap="magma_r", shading="nearest"
+    )
+    axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
+    axes.invert_yaxis()
+    axes.figure.colorbar(shown, ax=axes, label="sigma of depth (mm)", shrink=0.85)
 
 
 def _draw_curves(axes, errors):
     parts = (
         (f"noise of {errors.pixel_sigma:g} px", errors.noise, "#0072b2", "o-"),
         ("calibration", errors.calibration, _WORST, "s-"),
-        ("both", errors.total, "black", ":"),
+        ("total", errors.total, "black", ":"),
     )
     for label, values, colour, style in parts:
         axes.plot(errors.depths, [rms(value) for value in values], style, color=colour, label=label, markersize=4)
@@ -165,11 +199,12 @@ def _draw_curves(axes, errors):
     if np.nanmin(sizes) > 0:
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("{x:g}" if np.nanmax(sizes) < _FEW_DECADES * np.nanmin(sizes) else "")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_minor_formatter("{x:g}" if np.nanmax(sizes) < _NARROW * np.nanmin(sizes) else "")
     axes.set(xlabel="depth z (mm)", ylabel="sigma of depth, rms over the field (mm)")
-    axes.set_title(f"at most {largest(errors.total):.3g} mm", fontsize=10)
+    axes.set_title(f"sigma of depth is {largest(errors.total):.3g} mm at most", pad=26)
     axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, columnspacing=1.0)
 
 
 def photo_picture(calibration: Calibration, held_out: Sequence[float] | np.ndarray | None = None) -> Figure:

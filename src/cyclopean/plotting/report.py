@@ -29,6 +29,7 @@ def write_report(
     tables: Mapping[str, tuple[Sequence[str], Sequence[Sequence[object]]]],
     pictures: Mapping[str, Figure],
     warnings: Sequence[str] = (),
+    captions: Mapping[str, str] | None = None,
 ) -> None:
     """Write a self-contained HTML page.
 
@@ -44,12 +45,14 @@ def write_report(
         Caption -> figure, embedded as PNG.
     warnings : sequence of str
         What the reader must know first.
+    captions : mapping, optional
+        Heading of a table -> what to know about it, set below it.
     """
     parts = [f"<h1>{html.escape(title)}</h1><p class='small'>{html.escape(subtitle)}</p>"]
     parts += [f"<p class='warning'>{html.escape(text)}</p>" for text in warnings]
     pictures_left = [_figure_html(caption, figure) for caption, figure in pictures.items()]
     parts += pictures_left[:1]
-    parts += [_table_html(heading, *table) for heading, table in tables.items()]
+    parts += [_table_html(heading, *table, (captions or {}).get(heading, "")) for heading, table in tables.items()]
     parts += pictures_left[1:]
     page = (
         f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{html.escape(title)}</title>"
@@ -69,11 +72,12 @@ def _figure_html(caption, figure):
     return f"<figure><img alt='{text}' src='data:image/png;base64,{data}'><figcaption>{text}</figcaption></figure>"
 
 
-def _table_html(heading, columns, rows):
+def _table_html(heading, columns, rows, caption):
     def cell(value):
         number = isinstance(value, (int, float)) or (isinstance(value, str) and value.lstrip("+-")[:1].isdigit())
         return f"<td{' class=number' if number else ''}>{html.escape(str(value))}</td>"
 
     head = "".join(f"<th>{html.escape(column)}</th>" for column in columns)
     body = "".join(f"<tr>{''.join(cell(value) for value in row)}</tr>" for row in rows)
-    return f"<h2>{html.escape(heading)}</h2><table><tr>{head}</tr>{body}</table>"
+    below = f"<p class='small'>{html.escape(caption)}</p>" if caption else ""
+    return f"<h2>{html.escape(heading)}</h2><table><tr>{head}</tr>{body}</table>{below}"
