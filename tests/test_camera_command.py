@@ -111,7 +111,7 @@ def test_boards_that_stand_parallel_are_refused(command):
         (("board.toml", "a.png", "-o", "board.toml"), "overwrite the board"),
         (("board.toml", "a.png", "b.png", "--method", "tsai"), "takes one photograph, got 2"),
         (("board.toml", "a.png"), "a.png: there is no such file"),
-        (("charuco.toml", "grey.png"), "no view of the 1 photographs shows"),
+        (("charuco.toml", "grey.png"), "no view of the photograph shows"),
         (("board.toml", "--corners", "corners.csv", "--size", "640x480"), "lie outside a picture of 640 x 480 px"),
         (("board.toml", "--corners", "through.csv", "--size", "1280x960"), "no row is of a photograph without"),
         (("board.toml", "--corners", "one.csv", "--size", "1280x960"), "but only 0.png shows it"),

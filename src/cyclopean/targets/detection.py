@@ -124,7 +124,8 @@ def observe(
     rows = [(photo, one) for photo, views in enumerate(sightings) for one in views if len(one.points)]
     if not rows:
         hint = _other_board(photographs[0], board) if any(_FEW_MARKERS in note for note in notes) else ""
-        raise ImageError(f"no view of the {len(names)} photographs shows the {board}.{hint} " + _shortened(notes))
+        which = "the photograph" if len(names) == 1 else f"the {len(names)} photographs"
+        raise ImageError(f"no view of {which} shows the {board}.{hint} " + _shortened(notes))
     found = [one for _, one in rows]
     counts = [len(one.points) for one in found]
     observations = Observations(
