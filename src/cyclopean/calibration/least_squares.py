@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ..errors import SetupError
-from ..geometry import Pose, rotation_from_vector
+from ..geometry import Pose, launch, rotation_from_vector
 from ..targets import Observations
 
 _FLOOR = 1e-3  # of sigma: residuals below are rounding, and must not make every other one an outlier
@@ -146,7 +145,8 @@ class _Solver:
         self.count = len(observations.photos)
         order = np.argsort(self.photo, kind="stable")
         edges = np.searchsorted(self.photo[order], np.arange(self.count + 1))
-        self.rows = [order[a:b] for a, b in pairwise(edges)]
+        self.order, self.edges, self.filled = order, edges, np.flatnonzero(np.diff(edges))
+        self.starts = edges[:-1][self.filled]
         self.prior, self.loss, self.threshold, self.tolerance = prior, loss, threshold, tolerance
 
     def solve(self, shared, poses, iterations):
@@ -257,16 +257,18 @@ class _Solver:
 
         Transtrum and Sethna 2012, Improvements to the Levenberg-Marquardt algorithm, section 4.
         """
+        if not len(step[0]):  # a pose alone is hardly curved
+            return None
         ahead = self.residuals(_moved(state, 0.1 * step[0], 0.1 * step[1]))[0]
-        along = to_shared @ step[0] + np.einsum("nij,nj->ni", to_pose, step[1][self.photo])
+        # einsum, not @: threads of BLAS and of compiled kernels get in each other's way
+        along = np.einsum("nij,j->ni", to_shared, step[0]) + np.einsum("nij,nj->ni", to_pose, step[1][self.photo])
         curved = 20 * ((ahead - miss) / 0.1 + along)
-        curved = np.where(np.isfinite(curved), curved, 0.0) * (0.5 * weights[:, None])
-        seen = weights > 0
-        shared, poses = np.zeros(len(step[0])), np.zeros((self.count, 6))
-        for b, rows in enumerate(self.rows):
-            rows = rows[seen[rows]]
-            shared += np.einsum("nij,ni->j", to_shared[rows], curved[rows])
-            poses[b] = np.einsum("nij,ni->j", to_pose[rows], curved[rows])
+        seen = np.isfinite(curved) & (weights > 0)[:, None]
+        curved = np.where(seen, curved, 0.0) * (0.5 * weights[:, None])
+        shared = np.einsum("nij,ni->j", np.where(seen[..., None], to_shared, 0.0), curved)
+        pulls = np.einsum("nij,ni->nj", np.where(seen[..., None], to_pose, 0.0), curved)
+        poses = np.zeros((self.count, 6))
+        poses[self.filled] = np.add.reduceat(pulls[self.order], self.starts)
         turn = factors.solve(shared, poses)
         if factors.length(*turn) > 0.375 * factors.length(*step):
             return None
@@ -274,26 +276,18 @@ class _Solver:
 
     def normal(self, state, miss, to_shared, to_pose, weights, scale):
         """Normal equations of the weighted rows, photograph by photograph."""
+        from .kernels import grams
+
         size = state.shared.size
-        total, total_gradient = np.zeros((size, size)), np.zeros(size)
-        cross, blocks = np.zeros((self.count, size, 6)), np.zeros((self.count, 6, 6))
-        pose_gradient = np.zeros((self.count, 6))
-        root = np.sqrt(weights)
-        seen = weights > 0
-        for b, rows in enumerate(self.rows):
-            rows = rows[seen[rows]]
-            stacked = np.concatenate([to_shared[rows], to_pose[rows], miss[rows, :, None]], -1)
-            stacked = (stacked * root[rows, None, None]).reshape(-1, size + 7)
-            gram = stacked.T @ stacked
-            total += gram[:size, :size]
-            total_gradient += gram[:size, -1]
-            cross[b], blocks[b] = gram[:size, size:-1], gram[size:-1, size:-1]
-            pose_gradient[b] = gram[size:-1, -1]
+        blocks = np.empty((self.count, size + 7, size + 7))
+        launch(grams, len(miss), self.order, self.edges, weights, to_shared, to_pose, miss, blocks)
+        total, total_gradient = blocks[:, :size, :size].sum(0), blocks[:, :size, -1].sum(0)
         if self.prior is not None and size:
             mean, sigma = self.prior
             total[np.diag_indices(size)] += scale**2 / sigma**2
             total_gradient += scale**2 * (mean - state.shared) / sigma**2
-        return _Normal(total, cross, blocks, total_gradient, pose_gradient)
+        poses = slice(size, size + 6)
+        return _Normal(total, blocks[:, :size, poses], blocks[:, poses, poses], total_gradient, blocks[:, poses, -1])
 
     def finish(self, state, scale, converged, message, used, costs):
         miss, to_shared, to_pose = self.residuals(state, True)

@@ -19,6 +19,7 @@ from .starts import start_poses
 from .unknowns import DEFAULT_FREE, Unknowns, kind_of
 
 _FEW = 40  # points of a photograph that are plenty to choose between first guesses of a pose
+_ROUGH = 1e-4  # of the cost: near enough to see which boards were taken to lean the wrong way
 OUTLIER = 0.5  # weight below which an observation is reported as an outlier: twice the robust threshold
 
 
@@ -163,13 +164,13 @@ class _Problem:
         """The solution from these first guesses of each photograph's pose."""
         rows = self.observations, self.points
         poses, _ = _best_poses(self.predict, self.unknowns.start, guesses, *rows)
-        solution = minimise(self.predict, self.unknowns.start, poses, *rows, **self.options)
+        solution = minimise(self.predict, self.unknowns.start, poses, *rows, **self.options, tolerance=_ROUGH)
         for _ in range(3):  # a board that was taken to lean the wrong way stands out once the optic is known
             better = _leaning_right(self.predict, solution, guesses, *rows)
             if better is None:
                 break
-            solution = minimise(self.predict, solution.shared, better, *rows, **self.options)
-        return solution
+            solution = minimise(self.predict, solution.shared, better, *rows, **self.options, tolerance=_ROUGH)
+        return minimise(self.predict, solution.shared, solution.poses, *rows, **self.options)
 
     def odd_views(self, solution: Solution) -> list[OddView]:
         """Views that contradict the others, and whole photographs that do; none where half of the photographs would."""
@@ -194,6 +195,7 @@ class Prediction:
         self.unknowns = unknowns
         self.count = len(observations)
         self.aims = aims or [views_of(setup) for setup in unknowns.setups]
+        self.kept: dict[tuple[int, bytes], dict[int, View]] = {}  # views of the last few parameters
         self.groups = [
             (int(view), int(channel), _rows((observations.view == view) & (observations.channel == channel)))
             for view, channel in np.unique(np.stack([observations.view, observations.channel], -1), axis=0)
@@ -219,12 +221,15 @@ class Prediction:
             to_shared[rows] = derivatives.to_optic
             lens = self.unknowns.lens_matrix[channel]
             if lens.any():
-                to_camera = derivatives.to_camera
-                to_shared[rows] += (to_camera.reshape(-1, len(lens)) @ lens).reshape(*to_camera.shape[:2], -1)
+                used = np.flatnonzero(lens.any(1))  # einsum, not @: see `bend`
+                to_shared[rows] += np.einsum("nij,js->nis", derivatives.to_camera[..., used], lens[used])
         return (pixels, to_shared, to_point) if jacobian else (pixels, None, None)
 
     def views(self, shared, channel):
         """Views whose derivatives "to the optic" are those to the shared unknowns, as far as the optic has any."""
+        key = (channel, shared.tobytes())
+        if key in self.kept:  # a step that was tried and then taken, or one that moves poses alone
+            return self.kept[key]
         views = views_of(self.unknowns.setup(shared, channel), self.aims[channel])
         matrix = self.unknowns.optic_matrix[channel]
         for number, view in views.items():
@@ -234,6 +239,9 @@ class Prediction:
             views[number] = view.continued(
                 view.camera, replace(path, parameter_names=self.unknowns.names, derivatives=new)
             )
+        if len(self.kept) >= 2 * len(self.aims):
+            self.kept.clear()
+        self.kept[key] = views
         return views
 
 
