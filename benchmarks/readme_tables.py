@@ -94,11 +94,43 @@ def thesis(figures: dict[str, float]) -> str:
     return markdown(["route", *heads], rows)
 
 
+def real(figures: dict[str, float]) -> str:
+    """Real photographs by others, beside what they reached."""
+    rows = [
+        ["four views by a mirror splitter, linear cameras: dots, mm", figures["real_ptv_splitter4_linear_mm"], 0.20],
+        [
+            "the same, Tsai with k1 in each view, fitted to odd, tested on even dots, mm",
+            figures["real_ptv_splitter4_test_mm"],
+            0.25,
+        ],
+        ["a phone and two mirrors, one model: rms px", figures["real_lcm_two_mirrors_rms_px"], 0.653],
+        ["a monitor in a mirror at five poses: mean distance px", figures["real_pycalib_mirror_mean_px"], 0.640],
+    ]
+    return markdown(["photographs", "here", "others"], rows)
+
+
+def calibration_speed(figures: dict[str, float]) -> str:
+    """Seconds of calibrations."""
+    rows = [
+        ["of 14 photographs, 3 facets, camera known", figures["speed_n3_seconds"]],
+        ["of 14 photographs, 3 facets, camera too", figures["speed_n3_camera_too_seconds"]],
+        ["the same corners by OpenCV, each facet alone, then pairs", figures["speed_n3_opencv_seconds"]],
+    ]
+    for photos in (10, 100, 280, 1000):
+        count = figures[f"speed_{photos}_photographs_residuals"]
+        rows.append(
+            [f"of {photos} photographs, {count:,.0f} residuals", figures[f"speed_{photos}_photographs_seconds"]]
+        )
+    return markdown(["calibration with covariance", "s"], rows)
+
+
 TABLES = {  # name -> file of figures, table
     "accuracy": ("accuracy", accuracy),
     "calibration": ("calibration", calibration),
     "dense": ("dense", dense),
     "optics": ("optics", optics),
+    "real": ("calibration", real),
+    "speed": ("calibration", calibration_speed),
     "thesis": ("calibration", thesis),
 }
 
