@@ -1,15 +1,15 @@
 """``cyclopean calibrate`` as a person meets it: files, and one clear line for every fault."""
 
 import json
-import sys
 from dataclasses import replace
 
+import commands
 import numpy as np
 import pytest
 from board_views import CAMERA, POSES, observe_exactly, prism_setup, with_noise
 
 from benchmarks.data import renderer_setup
-from cyclopean import cli, read_photograph, write_setup
+from cyclopean import read_photograph, write_setup
 from cyclopean.calibration import validation
 from cyclopean.calibration.physical import calibrate
 from cyclopean.errors import ImageError, SetupError
@@ -30,15 +30,7 @@ PICTURES = ("residuals.png", "coverage.png", "photos.png", "depth_errors.png")
 
 def run(monkeypatch, capsys, *words):
     """Exit status, output and errors of one calibration."""
-    monkeypatch.setattr(sys, "argv", ["cyclopean", "calibrate", *map(str, words)])
-    status = 0
-    try:
-        cli.main()
-    except SystemExit as stop:
-        status = stop.code or 0
-    captured = capsys.readouterr()
-    assert "Traceback" not in captured.out + captured.err
-    return status, captured.out, captured.err
+    return commands.run(monkeypatch, capsys, "calibrate", *words)
 
 
 def drawn(setup, **changes):

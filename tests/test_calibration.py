@@ -12,7 +12,7 @@ from cyclopean import Camera, Mirror, Mirrors, Plate, Prism, Setup
 from cyclopean.calibration import calibrate, guess_prism, renumbered
 from cyclopean.calibration.checks import warnings_of
 from cyclopean.calibration.least_squares import minimise
-from cyclopean.calibration.physical import Prediction
+from cyclopean.calibration.prediction import Prediction
 from cyclopean.calibration.unknowns import Unknowns
 from cyclopean.errors import SetupError, ShapeError
 from cyclopean.geometry import Pose

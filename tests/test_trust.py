@@ -12,7 +12,8 @@ from benchmarks.data import renderer_setup
 from cyclopean.calibration.depths import Volume, depth_slopes, target_depths, working_volume
 from cyclopean.calibration.held import SCALE, freed, sentence
 from cyclopean.calibration.least_squares import minimise
-from cyclopean.calibration.physical import Prediction, calibrate, views_of
+from cyclopean.calibration.physical import calibrate
+from cyclopean.calibration.prediction import Prediction, views_of
 from cyclopean.calibration.trust import correlated, depth_errors, undetermined, warnings_of
 from cyclopean.calibration.trust import tests_of_held as held_tests  # or pytest would run it
 from cyclopean.calibration.unknowns import Unknowns

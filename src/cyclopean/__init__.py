@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-import importlib
+from .lazy import lazy
 
 __version__ = "0.1.0"
 
@@ -38,16 +38,7 @@ _HOMES = {
     "write_setup": "files",
 }
 __all__ = sorted([*_HOMES, "__version__"])
-
-
-def __getattr__(name: str):
-    """Import a public name when it is first asked for: `import cyclopean` itself costs nothing."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    home = _HOMES[name]
-    if not home:
-        return importlib.import_module(f".{name}", __name__)
-    return getattr(importlib.import_module(f".{home}", __name__), name)
+__getattr__ = lazy(__name__, _HOMES)  # `import cyclopean` itself costs nothing
 
 
 def __dir__():

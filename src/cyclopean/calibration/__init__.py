@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING
 
+from ..lazy import lazy
 from .checks import warnings_of
 from .depths import DepthErrors, depth_errors
 from .field_point import DepthLaw, FieldPointTest, field_point_test, two_depths
@@ -82,13 +82,7 @@ __all__ = [
     "align",
     "refine",
 ]
-
-
-def __getattr__(name: str):
-    """Import what is heavy when it is first asked for."""
-    if name not in _LATER:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f".{_LATER[name]}", __name__), name)
+__getattr__ = lazy(__name__, _LATER)
 
 
 def __dir__():

@@ -13,7 +13,8 @@ from .depths import depth_errors, rig_points, rms, target_depths
 from .guess import renumbered
 from .held import SIGNIFICANT, HeldTest, freed, sentence, tests_of_held
 from .odd_views import odd_views
-from .physical import Calibration, calibrate, recalibrate, views_of
+from .physical import Calibration, calibrate, recalibrate
+from .prediction import views_of
 from .unknowns import kind_of
 
 _MISFIT = 3.0  # times the stated noise of detected points

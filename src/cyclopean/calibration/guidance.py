@@ -12,7 +12,8 @@ from ..geometry import Pose
 from ..targets import DIRECT
 from .depths import DepthErrors, depth_errors, finite, rms, target_depths
 from .held import pose_columns, schur
-from .physical import Calibration, views_of
+from .physical import Calibration
+from .prediction import views_of
 
 _TILTS_DEG = (0.0, 20.0, -20.0, 35.0, -35.0)
 _PLACES = (-1.0, 0.0, 1.0)  # across the common field; 1 is _REACH of the way to its border

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..errors import CyclopeanError
 from .depths import depth_slopes, rig_points, rms, target_depths, working_volume
-from .physical import Calibration, Prediction, recalibrate
+from .physical import Calibration, recalibrate
+from .prediction import Prediction
 from .unknowns import TIED_FOCAL, Unknowns, kind_of
 
 SIGNIFICANT = 5.0  # standard deviations; residuals of real lenses are never quite normal

@@ -15,7 +15,7 @@ from ..targets.boards import Board
 from .least_squares import minimise
 from .photometric_picture import Drawing, draw
 from .photometric_windows import BLUR, Sheet, grey
-from .physical import direct_view
+from .prediction import direct_view
 
 _PASSES = 4
 _SETTLED = 0.005  # px: windows that move less have converged

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..cameras import Camera
 from ..errors import SetupError
-from ..geometry import Pose, rotation_from_vector, rotation_vector_jacobian
+from ..geometry import Pose, nearest_rotation, rotation_from_vector, rotation_vector_jacobian
 from ..rigs.pinhole import pinhole_derivatives
 from ..targets import Observations, Target
 from .reflections import ENOUGH, apparent_poses, check_rows
@@ -150,8 +150,7 @@ def _linear(images):
 def _linear_pose(images, turns, normals):
     """Pose and pinhole images (B, 3) once the normals (B, 3) are known."""
     flips = np.eye(3) - 2 * normals[:, :, None] * normals[:, None, :]
-    u, _, vt = np.linalg.svd(np.sum(flips @ np.array(turns), axis=0))
-    rotation = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
+    rotation = nearest_rotation(np.sum(flips @ np.array(turns), axis=0))
     count = len(normals)
     # flip_k apparent_k = translation - 2 offset_k normal_k
     rows = np.zeros((count, 3, 3 + count))

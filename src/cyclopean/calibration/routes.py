@@ -15,7 +15,8 @@ from ..rigs import PinholeView, Rig, Setup, ViewLike
 from ..rigs.virtual import boundary_pixel, sketched
 from ..targets import DIRECT, Observations, Target
 from .field_point import field_point_test
-from .physical import Calibration, calibrate, default_free, views_of
+from .physical import Calibration, calibrate, default_free
+from .prediction import views_of
 from .virtual import calibrate_pairwise, calibrate_virtual
 from .virtual_model import Intrinsics
 

@@ -15,7 +15,8 @@ from ..targets import DIRECT, Observations, Target
 from ..triangulation import triangulate
 from .depths import rms
 from .least_squares import minimise
-from .physical import OUTLIER, Calibration, Prediction, calibrate, views_of
+from .physical import OUTLIER, Calibration, calibrate
+from .prediction import Prediction, views_of
 from .unknowns import Unknowns
 
 _FOLDS = 8

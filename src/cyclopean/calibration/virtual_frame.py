@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from ..errors import SetupError
-from ..geometry import Pose, nearest_point
+from ..geometry import Pose, nearest_point, nearest_rotation
 from ..rigs import ViewLike
 from ..triangulation import triangulate
 
@@ -58,7 +58,7 @@ def aligned(
         ours.append(rays.directions[good])
         theirs.append(drawn_rays.directions[good])
         centres.append((nearest_point(rays[good]).points, nearest_point(drawn_rays[good]).points))
-    rotation = _rotation(np.concatenate(ours), np.concatenate(theirs))
+    rotation = nearest_rotation(np.concatenate(theirs).T @ np.concatenate(ours))
     own, wanted = np.mean(centres, axis=0)
     return Pose(rotation, wanted - rotation @ own)
 
@@ -80,14 +80,8 @@ def _by_scene(views, nominal, depths):
 def _weighted_motion(points, wanted, weight):
     share = weight / weight.sum()
     middle, goal = (share * points).sum(0), (share * wanted).sum(0)
-    rotation = _rotation((points - middle) * share, wanted - goal)
+    rotation = nearest_rotation((wanted - goal).T @ ((points - middle) * share))
     return Pose(rotation, goal - rotation @ middle)
-
-
-def _rotation(vectors, wanted):
-    """Rotation (3, 3) that takes vectors (N, 3) nearest to others (N, 3)."""
-    u, _, vt = np.linalg.svd(wanted.T @ vectors)
-    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
 
 
 def _sample(view):

@@ -16,7 +16,6 @@ from __future__ import annotations
 import csv
 import difflib
 import io
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +24,7 @@ import numpy as np
 from .. import __version__
 from ..errors import CyclopeanError, OutputError, SetupError
 from ..targets.boards import Board, PointTarget
-from .disk import PathLike, read_bytes, replacing
+from .disk import PathLike, parse_toml, read_bytes, read_text, replacing
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -46,7 +45,7 @@ def read_board(path: PathLike) -> Board | PointTarget:
     SetupError
         With one line for each thing that is wrong in the file.
     """
-    return board_from(_document(path), path)
+    return board_from(parse_toml(read_text(path, "board file"), path), path)
 
 
 def board_from(document: dict[str, Any], path: PathLike) -> Board | PointTarget:
@@ -71,16 +70,6 @@ def board_from(document: dict[str, Any], path: PathLike) -> Board | PointTarget:
     if len(faults) == 1:
         raise SetupError(f"{path}: {faults[0]}")
     raise SetupError("\n  ".join([f"{path}: {len(faults)} things are wrong", *faults]))
-
-
-def _document(path: PathLike) -> dict[str, Any]:
-    content = read_bytes(path, SetupError)
-    try:
-        return tomllib.loads(content.decode("utf-8-sig"))
-    except UnicodeDecodeError:
-        raise SetupError(f"{path}: this is no text (UTF-8), so it is no board file") from None
-    except (ValueError, RecursionError) as fault:
-        raise SetupError(f"{path}: this is not TOML: {fault}") from None
 
 
 def _sentence(detail: ErrorDetails, kind: Any) -> str:

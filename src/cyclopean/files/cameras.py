@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from decimal import Decimal
 
 from ..cameras import Camera
 from ..errors import SetupError
-from .disk import PathLike, read_bytes
+from .disk import PathLike, parse_toml, read_text
 
 
 def read_camera(path: PathLike) -> Camera:
@@ -26,13 +25,7 @@ def read_camera(path: PathLike) -> Camera:
     class CameraFile(BaseModel):
         camera: CameraTable = Field(description="a table, with size_px and focal_px")
 
-    data = read_bytes(path, SetupError)
-    try:
-        document = tomllib.loads(data.decode("utf-8-sig"), parse_float=Decimal)
-    except UnicodeDecodeError:
-        raise SetupError(f"{path}: this is no text (UTF-8), so it is no camera file") from None
-    except (ValueError, RecursionError) as fault:
-        raise SetupError(f"{path}: this is not TOML: {fault}") from None
+    document = parse_toml(read_text(path, "camera file"), path, Decimal)
     if "camera" not in document:
         raise SetupError(f"{path}: there is no [camera] table; `cyclopean import` makes one of other programs' files")
     try:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import secrets
 import tempfile
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-from ..errors import CyclopeanError, OutputError
+from ..errors import CyclopeanError, OutputError, SetupError
 
 PathLike = str | os.PathLike[str]
 
@@ -26,6 +28,28 @@ def read_bytes(path: PathLike, error: type[CyclopeanError]) -> bytes:
     if not data:
         raise error(f"{path}: the file is empty (0 bytes); was it copied whole?")
     return data
+
+
+def read_text(path: PathLike, kind: str) -> str:
+    """The text of a file that must not be empty; `kind` says what it would be, as in "setup file"."""
+    try:
+        return read_bytes(path, SetupError).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise SetupError(f"{path}: this is no text (UTF-8), so it is no {kind}") from None
+
+
+def parse_toml(text: str, path: PathLike, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:
+    """What a TOML text holds; `path` is named when it is none."""
+    try:
+        return tomllib.loads(text, parse_float=parse_float)
+    except (ValueError, RecursionError) as fault:
+        raise SetupError(f"{path}: this is not TOML: {fault}") from None
+
+
+def on_one_line(toml: str) -> str:
+    """A TOML text with each array on its own line, as a person would write it."""
+    toml = re.sub(r"(\[)\n +|,\n *(\])", r"\1\2", toml)
+    return re.sub(r",\n +", ", ", toml)
 
 
 def _why_unread(fault: OSError, path: Path) -> str:

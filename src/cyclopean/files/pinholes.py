@@ -21,7 +21,6 @@ region is one polygon or more; a pixel belongs to it when an odd number of them 
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -32,8 +31,7 @@ from ..cameras import Camera
 from ..errors import OutputError, SetupError
 from ..geometry import Pose, rotation_vector
 from ..rigs import PinholeView, Region, Rig
-from .disk import PathLike, read_bytes, replacing
-from .setups import _on_one_line
+from .disk import PathLike, on_one_line, parse_toml, read_text, replacing
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -69,7 +67,7 @@ def write_pinholes(rig: Rig, path: PathLike) -> None:
         views.append(_table(view))
     document = {"kind": KIND, "size_px": list(rig.size), "view": views}
     with replacing(path) as file:
-        file.write((HEADER + _on_one_line(tomli_w.dumps(document))).encode())
+        file.write((HEADER + on_one_line(tomli_w.dumps(document))).encode())
 
 
 def read_pinholes(path: PathLike) -> Rig:
@@ -84,13 +82,7 @@ def read_pinholes(path: PathLike) -> Rig:
 
     from .pinhole_tables import RigTable
 
-    content = read_bytes(path, SetupError)
-    try:
-        document = tomllib.loads(content.decode("utf-8-sig"))
-    except UnicodeDecodeError:
-        raise SetupError(f"{path}: this is no text (UTF-8), so it is no file of virtual cameras") from None
-    except (ValueError, RecursionError) as fault:
-        raise SetupError(f"{path}: this is not TOML: {fault}") from None
+    document = parse_toml(read_text(path, "file of virtual cameras"), path)
     if document.get("kind") != KIND:
         raise SetupError(f'{path}: kind must be "{KIND}", got {document.get("kind")!r}; read_setup reads setups')
     try:

@@ -14,8 +14,6 @@ distance_mm = 60.0
 
 from __future__ import annotations
 
-import re
-import tomllib
 from collections.abc import Mapping
 from decimal import Decimal
 from numbers import Integral, Real
@@ -27,7 +25,7 @@ from .. import __version__
 from ..errors import MediumError, OutputError, SetupError
 from ..optics import Medium, medium
 from ..rigs import Setup
-from .disk import PathLike, read_bytes, replacing
+from .disk import PathLike, on_one_line, parse_toml, read_text, replacing
 
 FORMAT = 1
 HEADER = f"""\
@@ -50,12 +48,7 @@ def read_setup(path: PathLike) -> Setup:
     SetupError
         With one line for each thing that is wrong in the file.
     """
-    data = read_bytes(path, SetupError)
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise SetupError(f"{path}: this is no text (UTF-8), so it is no setup file") from None
-    return _parsed(text, path)
+    return _parsed(read_text(path, "setup file"), path)
 
 
 def _parsed(text: str, path: PathLike) -> Setup:
@@ -64,10 +57,7 @@ def _parsed(text: str, path: PathLike) -> Setup:
     from .faults import sentences
     from .tables import SetupTable
 
-    try:
-        document = tomllib.loads(text, parse_float=Decimal)
-    except (ValueError, RecursionError) as fault:
-        raise SetupError(f"{path}: this is not TOML: {fault}") from None
+    document = parse_toml(text, path, Decimal)
     try:
         return SetupTable.model_validate(document).build()
     except ValidationError as error:
@@ -93,7 +83,7 @@ def write_setup(setup: Setup, path: PathLike) -> None:
         document = _document(setup)
     except OutputError as fault:
         raise OutputError(f"{path}: cannot be written: {fault}") from None
-    text = HEADER + _on_one_line(tomli_w.dumps(document))
+    text = HEADER + on_one_line(tomli_w.dumps(document))
     _parsed(text, path)
     with replacing(path) as file:
         file.write(text.encode())
@@ -158,9 +148,3 @@ def _name(material: Medium) -> str:
     except MediumError:
         pass
     raise OutputError(f"a setup file cannot hold the medium {material.name!r}, which media() does not list")
-
-
-def _on_one_line(text: str) -> str:
-    """The arrays of a TOML text, each on its own line, as a person would write them."""
-    text = re.sub(r"(\[)\n +|,\n *(\])", r"\1\2", text)
-    return re.sub(r",\n +", ", ", text)

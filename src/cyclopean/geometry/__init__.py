@@ -4,6 +4,7 @@ from .arrays import as_pixels, as_points, as_rgb, check_inside, white_level
 from .polygons import clip_by_half_plane, polygon_area
 from .poses import (
     Pose,
+    nearest_rotation,
     rigid_motion,
     rotation_from_vector,
     rotation_vector,
@@ -26,6 +27,7 @@ __all__ = [
     "clip_by_half_plane",
     "launch",
     "nearest_point",
+    "nearest_rotation",
     "polygon_area",
     "rigid_motion",
     "rotation_from_vector",

@@ -83,19 +83,27 @@ def shortest_rotation(start: ArrayLike, end: ArrayLike) -> np.ndarray:
     return rotation_from_vector(np.arctan2(sine, cosine) * axis / sine)
 
 
-def rigid_motion(start: ArrayLike, end: ArrayLike) -> Pose:
-    """The motion end_from_start that takes points (K, 3) nearest to other points (K, 3), by least squares.
+def nearest_rotation(matrix: ArrayLike) -> np.ndarray:
+    """The rotation (3, 3) nearest to a matrix (3, 3), by least squares.
 
-    Rows with NaN do not count.
+    Of ``end.T @ start`` it is the rotation that takes vectors `start` (K, 3) nearest to `end` (K, 3).
 
     References
     ----------
     Kabsch 1976, A solution for the best rotation to relate two sets of vectors; Umeyama 1991 for the sign.
     """
+    left, _, right = np.linalg.svd(np.asarray(matrix, dtype=float))
+    return left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+
+
+def rigid_motion(start: ArrayLike, end: ArrayLike) -> Pose:
+    """The motion end_from_start that takes points (K, 3) nearest to other points (K, 3), by least squares.
+
+    Rows with NaN do not count.
+    """
     start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     good = np.isfinite(start).all(-1) & np.isfinite(end).all(-1)
     start, end = start[good], end[good]
     middle, there = start.mean(0), end.mean(0)
-    left, _, right = np.linalg.svd((end - there).T @ (start - middle))
-    rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    rotation = nearest_rotation((end - there).T @ (start - middle))
     return Pose(rotation, there - rotation @ middle)

@@ -193,7 +193,8 @@ def _qualified(view, camera, pose, method, depths):
     return VirtualCamera(camera, pose, view.mirrored, method, tuple(depths), rms, largest)
 
 
-def boundary_pixel(view, boundary):
+def boundary_pixel(view: ViewLike, boundary: Literal["middle", "edge"] | ArrayLike) -> np.ndarray:
+    """The pixel (2,) of the boundary ray that `sketch` takes for this choice."""
     if not isinstance(boundary, str):
         return np.asarray(boundary, dtype=float)
     if boundary not in ("middle", "edge"):

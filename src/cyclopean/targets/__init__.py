@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING
 
+from ..lazy import lazy
 from .boards import Board, PointTarget
 from .detection import Sighting, find_board, observe
 from .observations import DIRECT, Observations, Target, Targets, together
@@ -34,13 +34,7 @@ __all__ = [
     "reconcile",
     "together",
 ]
-
-
-def __getattr__(name: str):
-    """Import what is heavy when it is first asked for."""
-    if name not in _LATER:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f".{_LATER[name]}", __name__), name)
+__getattr__ = lazy(__name__, _LATER)
 
 
 def __dir__():

@@ -7,11 +7,10 @@ the board that was used; mm unless told otherwise.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 
 from ...errors import SetupError
-from ..disk import PathLike, replacing
+from ..disk import PathLike, parse_toml, replacing
 from .named import (
     IDENTITY,
     NamedCamera,
@@ -27,10 +26,7 @@ UNIT_MM = 1.0
 
 def read(path: PathLike, size: tuple[int, int] | None, unit_mm: float) -> list[NamedCamera]:
     """The cameras in the order of the file."""
-    try:
-        document = tomllib.loads(read_text(path))
-    except (ValueError, RecursionError) as fault:
-        raise SetupError(f"{path}: this is not TOML: {fault}") from None
+    document = parse_toml(read_text(path), path)
     tables = {key: table for key, table in document.items() if isinstance(table, dict) and "matrix" in table}
     if not tables:
         _refuse_our_own(document, path)

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 
 from ...cameras import Camera
 from ...errors import OutputError, SetupError
-from ...geometry import Pose
-from ..disk import PathLike, read_bytes
+from ...geometry import Pose, nearest_rotation
+from .. import disk
+from ..disk import PathLike
 
 IDENTITY = Pose(np.eye(3), np.zeros(3))
 _ROTATION_SLACK = 1e-3  # how far a matrix may be from a rotation: some programs write four digits
@@ -45,10 +46,7 @@ def flipped(named: NamedCamera) -> NamedCamera:
 
 def read_text(path: PathLike) -> str:
     """The text of a file."""
-    try:
-        return read_bytes(path, SetupError).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise SetupError(f"{path}: this is no text (UTF-8), so it is no file of this format") from None
+    return disk.read_text(path, "file of this format")
 
 
 def find(table: Mapping[str, Any], key: str, where: str) -> Any:
@@ -131,8 +129,7 @@ def needed_size(size: tuple[int, int] | None, where: str) -> tuple[int, int]:
 def make_pose(rotation: Any, translation: Any, unit_mm: float, where: str) -> Pose:
     """A pose of a matrix (3, 3), made a rotation to the last digit, and a translation (3,) in units of `unit_mm`."""
     matrix = numbers(rotation, (3, 3), f"{where}: rotation")
-    u, _, v = np.linalg.svd(matrix)
-    nearest = u @ v
+    nearest = nearest_rotation(matrix)
     if np.linalg.det(matrix) < 0 or np.abs(nearest - matrix).max() > _ROTATION_SLACK:
         raise SetupError(f"{where}: this matrix is no rotation: {np.round(matrix, 4).tolist()}")
     return Pose(nearest, numbers(translation, (3,), f"{where}: translation") * unit_mm)
