@@ -13,14 +13,14 @@ PACKAGE = Path(__file__).resolve().parents[1] / "src" / "cyclopean"
 
 # Lowest first. A module may import from itself and from the rows before its own, never from a neighbour.
 LAYERS = (
-    ("errors",),
+    ("errors", "lazy"),
     ("geometry",),
     ("optics", "cameras"),
     ("rigs",),
-    ("triangulation", "targets"),
-    ("simulation", "rectification", "matching", "calibration"),
-    ("analysis",),
-    ("design",),
+    ("triangulation", "targets", "epipolar"),
+    ("simulation", "rectification", "matching", "calibration", "correspondence"),
+    ("analysis", "measurement"),
+    ("design", "experiments"),
     ("files", "plotting"),
     ("pipeline",),
     ("studio", "jobs"),

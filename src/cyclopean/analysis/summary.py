@@ -1,4 +1,4 @@
-"""What a rig can do: its virtual cameras, baselines, common field of view and depth resolution."""
+"""The figures that describe a rig."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import SetupError
-from .rigs import Rig, VirtualCamera, fit
-from .triangulation import point_covariance
+from ..errors import SetupError
+from ..rigs import Rig, VirtualCamera, fit
+from ..triangulation import point_covariance
 
 _GRID = 96  # samples across a depth plane
 

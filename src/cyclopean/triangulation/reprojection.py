@@ -1,4 +1,4 @@
-"""Points from the rays that see them, and how far they can be trusted."""
+"""The points that explain corresponding pixels best, and the covariance of points."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .errors import ShapeError
-from .geometry import Rays, nearest_point
-from .rigs import ViewLike
+from ..errors import ShapeError
+from ..geometry import Rays, nearest_point
+from ..rigs import ViewLike
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,1 @@
+"""Sparse correspondences: the same point of the scene in several sub-images."""
