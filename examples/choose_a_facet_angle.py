@@ -9,5 +9,5 @@ for apex_deg in (6, 8, 10, 12):
     summary = summarise(rig, depths=(600, 1350))
     middle = summary.fields[2]
     print(
-        f"{apex_deg:11d}  {summary.pairs[0].baseline:13.1f}  {100 * middle.share_two:20.0f}  {middle.sigma_depth:40.2f}"
+        f"{apex_deg:11d}  {summary.pairs[0].baseline:13.1f}  {100 * middle.share_two:20.0f}  {middle.sigma_two:40.2f}"
     )

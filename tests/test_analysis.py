@@ -24,7 +24,13 @@ def test_depth_resolution_is_that_of_two_cameras():
     for field in summary.fields:
         # sigma of disparity is sqrt(2) times that of a pixel; Z^2 / (baseline f) each px; axes converge: 2 %
         expected = field.depth**2 / (summary.pairs[0].baseline * 2400) * 0.1 * np.sqrt(2)
-        assert field.sigma_depth == pytest.approx(expected, rel=0.03)
+        assert field.sigma_two == field.sigma_all == pytest.approx(expected, rel=0.03)
+
+
+def test_more_views_resolve_depth_better():
+    rig = Setup(Camera((1280, 960), 2400), Prism(4, 12, 1.5168, distance=60.0)).rig()
+    field = field_at(rig, 700.0)
+    assert 0.4 < field.sigma_all / field.sigma_two < 0.9  # between 1/2 and 1/sqrt(2) for like baselines
 
 
 def test_mirror_cameras_are_exact_pinholes():
@@ -36,6 +42,15 @@ def test_mirror_cameras_are_exact_pinholes():
         reflected = 2 * (normal @ np.array(mirror.centre)) * normal  # the pinhole's mirror image
         np.testing.assert_allclose(camera.centre, reflected, atol=1e-4)
         assert camera.departure_max < 1e-4
+
+
+def test_mirrors_along_the_optical_axis_are_described_too():
+    mirrors = tuple(Mirror((side * 60.0, 0.0, 150.0), (-side, 0.0, 0.0), (300.0, 200.0)) for side in (-1, 1))
+    summary = summarise(Setup(Camera((640, 480), 700), Mirrors(mirrors)).rig(), (400.0, 900.0))
+    pair = summary.pairs[0]
+    # the pinhole's mirror images; 1e-6: the solver's end
+    assert (pair.baseline, pair.angle) == pytest.approx((240.0, 0.0), abs=1e-6)
+    assert all(camera.departure_max < 1e-6 for camera in summary.cameras)
 
 
 def test_nothing_is_shared_before_the_apex():

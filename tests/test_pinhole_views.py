@@ -134,8 +134,8 @@ def test_a_rig_of_pinholes_is_described_like_any_other(pinholes):
         assert b.baseline == pytest.approx(a.baseline, rel=1e-3)  # the same fit to views that differ by its departure
     assert all(camera.departure_max < 1e-6 for camera in ours.cameras)  # px: a pinhole fits a pinhole
     for a, b in zip(theirs.fields, ours.fields, strict=True):
-        # not sigma_depth: its median falls on points that two views see, or three
         assert (b.width, b.share_two, b.share_all) == pytest.approx((a.width, a.share_two, a.share_all), rel=0.02)
+        assert (b.sigma_two, b.sigma_all) == pytest.approx((a.sigma_two, a.sigma_all), rel=0.05)
     points = rig[0].rays(np.stack(np.meshgrid(np.arange(100, 220, 10.0), np.arange(125, 200, 10.0)), -1)).at_depth(800)
     spread = point_covariance(virtual, points)[..., 2, 2] / point_covariance(rig, points)[..., 2, 2]
     assert np.nanmax(np.abs(spread - 1)) < 0.05  # a prism stretches the picture by up to 2 %, fitted in the mean

@@ -243,6 +243,7 @@ def test_a_fault_is_named_with_its_key_its_value_and_what_was_wanted(tmp_path, s
         (CAMERA.replace("focal_px = 2400.0", "") + PRISM, "camera.focal_mm: give one of focal_px, a number of px"),
         (CAMERA.replace("focal_px", "focal_mm") + PRISM, "camera.pixel_pitch_um: focal_mm needs the distance between"),
         (CAMERA + "f_number = 8\nfocus_distance_mm = 900\n" + PRISM, "camera.pixel_pitch_um: f_number and"),
+        (CAMERA + "pixel_pitch_um = 5\nf_number = 8\n" + PRISM, "camera: f_number needs focus_distance_mm"),
         (CAMERA + "pixel_pitch_um = 5\nfocus_distance_mm = 9\n" + PRISM, "camera: focus_distance_mm must exceed"),
         (CAMERA + "pixel_pitch_um = 1e-999\n" + PRISM, "camera: the pixel pitch must be positive mm"),
         (CAMERA.replace("960", "9" * 400) + PRISM, f"camera.size_px = [1280, {'9' * 53}... must be two whole numbers"),

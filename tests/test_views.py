@@ -337,6 +337,7 @@ def test_a_pinhole_blends_nothing():
         ({"depths": (500, 400)}, r"0 < near < far in mm, got \(500, 400\)"),
         ({"depths": (np.nan, 400)}, r"0 < near < far in mm, got \(nan, 400\)"),
         ({"f_number": 0}, "f_number must be a positive number, got 0"),
+        ({"f_number": 8.0}, "f_number 8 needs a focus_distance"),
         ({"focus_distance": np.nan}, "focus_distance must be a positive number, got nan"),
     ],
 )

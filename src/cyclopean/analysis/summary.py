@@ -22,7 +22,8 @@ class FieldAtDepth:
     height: float  # mm
     share_two: float  # of all pixels that belong to a view, those whose point a second view sees too
     share_all: float  # those whose point all views see
-    sigma_depth: float  # mm, standard deviation of depth for pixel noise of `sigma_px`, median over the common field
+    sigma_two: float  # mm, standard deviation of depth where just two views see a point, median; NaN: nowhere
+    sigma_all: float  # mm, the same where all views see it
 
 
 @dataclass(frozen=True)
@@ -50,13 +51,15 @@ def summarise(rig: Rig, depths: tuple[float, float] | None = None, sigma_px: flo
     """Describe a rig between two depths (its working depths where none are given).
 
     The angle of a pair is that between the directions in which the camera's optical axis leaves through the two
-    facets, the gamma of the thesis; each facet is taken without end for it.
+    facets, the gamma of the thesis; each facet is taken without end for it. Where it misses the optic, as with mirrors
+    that stand along it, the axis of the virtual camera takes its place.
     """
     if not 0 < sigma_px < np.inf:
         raise SetupError(f"the pixel noise must be a positive number of px, got {sigma_px}")
     near, far = depths or rig.working_depths
     cameras = tuple(fit(view, (near, far)) for view in rig)
     axes = [view.unbounded().rays(view.camera.centre).directions for view in rig]
+    axes = [a if np.isfinite(a).all() else c.axis for a, c in zip(axes, cameras, strict=True)]
     pairs = []
     for i in range(len(rig)):
         for j in range(i + 1, len(rig)):
@@ -69,7 +72,7 @@ def summarise(rig: Rig, depths: tuple[float, float] | None = None, sigma_px: flo
 
 def field_at(rig: Rig, depth: float, sigma_px: float = 0.1) -> FieldAtDepth:
     """What the views of a rig share at a depth (mm)."""
-    counts, points = np.zeros(3), []
+    counts, points, views = np.zeros(3), [], []
     for view in rig:
         x, y, width, height = view.region.box
         columns, rows = np.linspace(x, x + width - 1, _GRID // 2), np.linspace(y, y + height - 1, _GRID // 2)
@@ -79,12 +82,19 @@ def field_at(rig: Rig, depth: float, sigma_px: float = 0.1) -> FieldAtDepth:
         others = np.isfinite(rig.project(here)[..., 0]).sum(-1) if len(here) else np.zeros(0)
         counts += np.array([(others >= 2).sum(), (others >= len(rig)).sum(), len(here)])
         points.append(here[others >= 2])
+        views.append(others[others >= 2])
     two, full, total = counts
-    common = np.concatenate(points)
+    common, seen_by = np.concatenate(points), np.concatenate(views)
     if not len(common):
-        return FieldAtDepth(depth, 0.0, 0.0, 0.0, 0.0, np.nan)
+        return FieldAtDepth(depth, 0.0, 0.0, 0.0, 0.0, np.nan, np.nan)
     width, height = np.ptp(common[:, 0]), np.ptp(common[:, 1])
-    sample = common[:: max(1, len(common) // 400)]
-    variance = point_covariance(rig, sample, sigma_px)[:, 2, 2]
-    sigma = float(np.sqrt(np.nanmedian(variance)))
-    return FieldAtDepth(depth, float(width), float(height), float(two / total), float(full / total), sigma)
+    sigmas = [_median_sigma(rig, common[seen_by == count], sigma_px) for count in (2, len(rig))]
+    return FieldAtDepth(depth, float(width), float(height), float(two / total), float(full / total), *sigmas)
+
+
+def _median_sigma(rig, points, sigma_px):
+    """Median standard deviation of depth (mm) of points (N, 3), a few hundred of them; NaN where there are none."""
+    if not len(points):
+        return np.nan
+    variance = point_covariance(rig, points[:: max(1, len(points) // 400)], sigma_px)[:, 2, 2]
+    return float(np.sqrt(np.nanmedian(variance)))

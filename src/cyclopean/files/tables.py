@@ -104,6 +104,8 @@ class CameraTable(Table):
     @model_validator(mode="after")
     def _in_focus(self):
         camera = self.build()
+        if self.f_number is not None and self.focus_distance_mm is None:
+            raise ValueError("f_number needs focus_distance_mm, to tell how wide seams blend; give both or neither")
         if camera.pixel_pitch is not None and self.focus_distance_mm is not None:
             focal = max(camera.focal) * camera.pixel_pitch
             if self.focus_distance_mm <= focal:

@@ -60,14 +60,16 @@ def info_tables(rig, summary: RigSummary) -> Iterator[Table]:
         yield pairs
     title = "common field of view and depth resolution"
     fields = Table("depth (mm)", "field (mm)", "seen by 2 (%)", "seen by all (%)", title=title, title_justify="left")
-    fields.add_column(f"sigma of depth (mm) for {summary.sigma_px:g} px")
+    for who in ("two see it",) if len(rig) == 2 else ("just two see it", "all see it"):
+        fields.add_column(f"sigma of depth (mm) for {summary.sigma_px:g} px, {who}")
     for field in summary.fields:
+        sigmas = (field.sigma_two,) if len(rig) == 2 else (field.sigma_two, field.sigma_all)
         fields.add_row(
             f"{field.depth:g}",
             f"{field.width:.0f} x {field.height:.0f}",
             f"{100 * field.share_two:.0f}",
             f"{100 * field.share_all:.0f}",
-            f"{field.sigma_depth:.3g}",
+            *(f"{sigma:.3g}" if sigma == sigma else "-" for sigma in sigmas),
         )
     yield fields
 

@@ -127,7 +127,8 @@ class Path:
                     inside = (hits @ blocker.bounds[:, :3].T <= blocker.bounds[:, 3]).all(-1)
                 blocked |= inside & (distance > 0) & (distance < reach)
             if surface is not None:
-                origins = origins + reach[..., None] * directions
+                with np.errstate(invalid="ignore"):  # rays along the mirror never reach it
+                    origins = origins + reach[..., None] * directions
                 directions = reflect(directions, surface.normal)
             left = surface
         return blocked

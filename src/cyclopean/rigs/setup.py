@@ -60,6 +60,11 @@ class Setup:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise SetupError(f"{name} must be a positive number, got {value}")
+        if self.f_number is not None and self.focus_distance is None:
+            raise SetupError(
+                f"f_number {self.f_number:g} needs a focus_distance (mm) to tell how wide seams blend; give it, or "
+                "leave the f_number out"
+            )
 
     def rig(self, margin: float | None = None) -> Rig:
         """The views that this setup gives.

@@ -14,6 +14,8 @@ from ..geometry import (
     Pose,
     Rays,
     as_points,
+    nearest_point,
+    nearest_rotation,
     rotation_from_vector,
     shortest_rotation,
     shortest_segment,
@@ -130,15 +132,15 @@ def fit(view: ViewLike, depths: tuple[float, float], distortion: bool = True, sa
     from scipy.optimize import least_squares
 
     points, pixels = _samples(view, depths, samples)
-    start = sketch(view, depths)
+    start = _start(view)
     count = 14 if distortion else 10
 
     def unpack(x):
-        rotation = rotation_from_vector(x[:3]) @ start.camera_from_rig.rotation
+        rotation = rotation_from_vector(x[:3]) @ start.rotation
         focal = np.array(view.camera.focal) * np.exp(x[6:8])
         numbers = (*x[10:14], 0.0) if distortion else (0.0,) * 5
         camera = Camera(view.camera.size, tuple(focal), tuple(view.camera.centre + 100 * x[8:10]), tuple(numbers))
-        return camera, Pose(rotation, -rotation @ (start.centre + x[3:6]))
+        return camera, Pose(rotation, -rotation @ (start.inverse.translation + x[3:6]))
 
     def residuals(x):
         camera, pose = unpack(x)
@@ -149,6 +151,20 @@ def fit(view: ViewLike, depths: tuple[float, float], distortion: bool = True, sa
     solution = least_squares(residuals, np.zeros(count), method="lm", x_scale="jac")
     camera, pose = unpack(solution.x)
     return _qualified(view, camera, pose, "best fit with distortion" if distortion else "best fit", depths)
+
+
+def _start(view):
+    """A pose camera_from_rig near the best: by ray sketching or, where the optical axis misses the optic, beside it."""
+    try:
+        return sketched(view, boundary_pixel(view, "middle"))[1]
+    except OpticError:
+        pixels = view.region.centre + np.array([[0.0, 0.0], [9.0, 0.0], [-9.0, 0.0], [0.0, 9.0], [0.0, -9.0]])
+        rays = view.unbounded().rays(pixels)
+        centre = nearest_point(rays).points
+        # turn the camera's own frame so that its rays through these pixels fall onto the true ones
+        straight = view.camera.rays(pixels).directions * ([-1, 1, 1] if view.mirrored else [1, 1, 1])
+        rotation = nearest_rotation(straight.T @ rays.directions)
+        return Pose(rotation, -rotation @ centre)
 
 
 def distorted(flat: np.ndarray, camera: Camera) -> np.ndarray:
