@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import SetupError
 from ..rigs import Rig, Setup
 from ..targets import DIRECT
+from ..triangulation.sensitivity import point_response
 from .physical import Calibration
 
 _COARSE = 48  # samples across when the common field is sought
@@ -173,22 +174,10 @@ def depth_slopes(setup: Setup, volume: Volume) -> tuple[np.ndarray, np.ndarray]:
     The F parameters are all those of the setup (`setup.parameter_names`). NaN outside the common field.
     """
     common = volume.common
-    points, seen = volume.points[common], volume.seen[common]
-    normal = np.zeros((len(points), 3, 3))
-    cross = np.zeros((len(points), 3, len(setup.parameter_names)))
-    for k, view in enumerate(setup.rig().unbounded()):
-        found = view.pixel_derivatives(points)
-        weight = seen[:, k, None, None]
-        to_point = np.where(weight, found.to_point, 0.0)
-        to_all = np.where(weight, np.concatenate([found.to_camera, found.to_optic], -1), 0.0)
-        transposed = np.swapaxes(to_point, -1, -2)
-        normal += transposed @ to_point
-        cross += transposed @ to_all
-    normal += 1e-15 * np.trace(normal, axis1=-2, axis2=-1)[:, None, None] * np.eye(3)  # views from one place
-    solved = np.linalg.solve(normal, np.concatenate([np.broadcast_to(np.eye(3), normal.shape), cross], -1))
-    spread, slopes = np.full(common.shape, np.nan), np.full((*common.shape, cross.shape[-1]), np.nan)
-    spread[common] = np.sqrt(np.maximum(solved[:, 2, 2], 0.0))
-    slopes[common] = -solved[:, 2, 3:]
+    response = point_response(setup.rig(), volume.points[common], volume.seen[common])
+    spread, slopes = np.full(common.shape, np.nan), np.full((*common.shape, len(setup.parameter_names)), np.nan)
+    spread[common] = np.sqrt(response.covariance[:, 2, 2])
+    slopes[common] = -response.shifts[:, 2]  # here the believed parameter changes and the pixels stay
     return spread, slopes
 
 
