@@ -29,5 +29,9 @@ class CalibrationError(CyclopeanError, ValueError):
     """A calibration ended with something that cannot be right."""
 
 
+class MeasurementError(CyclopeanError, ValueError):
+    """Points do not make the thing that is to be measured."""
+
+
 class OutputError(CyclopeanError, OSError):
     """Results cannot be written."""
