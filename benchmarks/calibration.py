@@ -3,8 +3,9 @@
     python -m benchmarks.calibration [PART ...]
 
 Parts: corners, parameters, camera, one, thesis, photometric, real, speed; all without a name. Figures go to
-results/calibration.json. The start is always a drawing that is off by 0.3 degrees in the facets' angle, 2 mm in
-distance and about 1.3 degrees in tilt; corners are those that our own detector finds, unless a row says otherwise.
+results/calibration.json, those of the part thesis to results/thesis.json. The start is always a drawing that is off by
+0.3 degrees in the facets' angle, 2 mm in distance and about 1.3 degrees in tilt (thesis: see thesis.py); corners are
+those that our own detector finds, unless a row says otherwise.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from functools import cache
 import cv2
 import numpy as np
 
-from benchmarks import mirrors_data, photometric, splitter, virtual_routes
+from benchmarks import mirrors_data, photometric, splitter, thesis
 from benchmarks.data import renderer_setup
 from benchmarks.results import table, write
 from benchmarks.targets import Corners, detected_corners, renderer_corners
@@ -187,20 +188,6 @@ def one_part() -> dict[str, float]:
     return figures
 
 
-def depth_errors(setup: Setup, corners: Corners) -> tuple[np.ndarray, np.ndarray]:
-    """Error of depth (%) of each corner of the target planes that two views see, and its plane's depth (mm)."""
-    rig = setup.rig(margin=0).unbounded()
-    seen = corners.observations
-    keys, row = np.unique(seen.photo * 10_000 + seen.point, return_inverse=True)
-    pixels = np.full((len(keys), len(rig), 2), np.nan)
-    pixels[row, seen.view] = seen.pixels
-    depths = corners.depths[keys // 10_000]
-    points = triangulate(rig.views, pixels).points
-    error = 100 * (points[:, 2] / depths - 1)
-    good = np.isfinite(error)
-    return error[good], depths[good]
-
-
 @cache
 def noisy(name: str) -> Corners:
     """True corners with the noise that cv2.cornerSubPix leaves."""
@@ -208,80 +195,9 @@ def noisy(name: str) -> Corners:
 
 
 def thesis_part() -> dict[str, float]:
-    """The thesis's tables 4.1, 5.1 and 6.1: recover the depth of planes by every route."""
-    figures: dict[str, float] = {}
-    for rig in THESIS:
-        truth = renderer_setup(rig)
-        rows = []
-        sources = {"": detected_corners, f", corners of {USUAL_NOISE} px": noisy}
-        for words, source in sources.items():
-            judged = source(f"targets_{rig}")
-            for label, setup in (
-                (f"true setup{words}", truth),
-                (f"physical model{words}", joint(rig, source).setup),
-            ):
-                error, depths = depth_errors(setup, judged)
-                rows.append([label, *_figures(error)])
-                key = label.replace(f", corners of {USUAL_NOISE} px", "_usual_corners").replace(" ", "_")
-                figures |= _named(f"thesis_{rig}_{key}", error)
-                if label == "physical model":
-                    _by_depth(rig, error, depths, figures)
-        figures |= _ratios(rig, figures)
-        rows += _virtual_rows(rig, truth, figures)
-        table(f"{rig}: depth of planes 600 to 1600 mm, error in % of depth", ["route", "mean", "rms", "largest"], rows)
-    return figures
-
-
-def _figures(error):
-    return float(np.mean(error)), rms(error), float(np.abs(error).max())
-
-
-def _named(start, error):
-    return dict(zip((f"{start}_{key}_percent" for key in ("mean", "rms", "largest")), _figures(error), strict=True))
-
-
-def _ratios(rig, figures):
-    out = {}
-    for words in ("", "_usual_corners"):
-        found, limit = (figures[f"thesis_{rig}_{who}{words}_rms_percent"] for who in ("physical_model", "true_setup"))
-        out[f"thesis_{rig}_physical_over_true{words}_times"] = found / limit
-    return out
-
-
-def _by_depth(rig, error, depths, figures):
-    rows = []
-    for depth in np.unique(depths):
-        mine = error[depths == depth]
-        recovered = depth * (1 + mine / 100)
-        rows.append([f"{depth:g}", float(np.mean(recovered)), *_figures(mine)])
-        figures |= _named(f"thesis_{rig}_physical_model_{depth:g}mm", mine)
-    table(f"{rig}: physical model", ["actual depth mm", "recovered mm", "mean %", "rms %", "largest %"], rows)
-
-
-def _virtual_rows(rig, truth, figures):
-    """The other routes, on the same corners: one rigid alignment to true corners favours the calibrated ones."""
-
-    def given(name):
-        corners = detected_corners(name)
-        return virtual_routes.Corners(corners.observations, corners.points, corners.board)
-
-    seen, judged = given(f"calib_{rig}"), given(f"targets_{rig}")
-    rows = []
-    wanted = ("joint, fixed, 4", "joint, tied, 4", "joint, free, 0", "joint, free, 4", "each alone")
-    for row in virtual_routes.calibrated_rows(truth, seen, judged):
-        if row.name.startswith(wanted):
-            rows.append([f"virtual cameras: {row.name}", None, row.errors[2].all_rms, row.errors[2].all_max])
-    sketch = ""
-    for row in virtual_routes.sketched_rows(truth, judged):
-        sketch = row.name if row.name.startswith("sketch") else sketch
-        name = f"{sketch}, {row.name.strip()}" if "field point" in row.name else row.name
-        if not row.name.startswith("true rays"):
-            rows.append([name, None, row.errors[0].all_rms, row.errors[0].all_max])
-    for name, _, typical, largest in rows:
-        key = "_".join("".join(c if c.isalnum() else " " for c in name).split())
-        figures[f"thesis_{rig}_{key}_rms_percent"] = typical
-        figures[f"thesis_{rig}_{key}_largest_percent"] = largest
-    return rows
+    """The thesis's tables 4.1, 5.1 and 6.1, which keep their figures in a file of their own."""
+    thesis.main(THESIS)
+    return {}
 
 
 def real_part() -> dict[str, float]:

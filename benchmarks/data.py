@@ -1,10 +1,9 @@
 """Where the photographs with known truth lie, and what took them; the tests look here too."""
 
-import json
 import os
 from pathlib import Path
 
-from cyclopean import Camera, Prism, Setup
+from cyclopean import Setup
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -37,21 +36,6 @@ def data_folder(name: str) -> Path:
 
 def renderer_setup(name: str) -> Setup:
     """The true setup of rendered photographs, from `mitsuba/rigs/NAME.json`."""
-    rig = json.loads((data_folder("mitsuba") / "rigs" / f"{name}.json").read_text())
-    camera, prism = rig["camera"], rig["prism"]
-    size, distortion = (camera["width"], camera["height"]), camera["dist_k1k2p1p2k3"]
-    return Setup(
-        Camera.from_matrix(camera["K"], size, distortion),
-        Prism(
-            facets=prism["n_facets"],
-            apex_deg=prism["alpha_deg"],
-            glass=prism["index"],
-            distance=prism["standoff"],
-            thickness=prism["apex_height"],
-            radius=prism["radius"],
-            facing={"apex_scene": "scene", "apex_camera": "camera"}[prism["orientation"]],
-            azimuth_deg=prism["phi0_deg"],
-            tilt_deg=tuple(prism["tilt_rvec_deg"]),
-            shift=tuple(prism["shift_xy"]),
-        ),
-    )
+    from cyclopean.jobs.experiment_photographs import rendered_setup
+
+    return rendered_setup(data_folder("mitsuba"), name)

@@ -66,32 +66,30 @@ def calibration(figures: dict[str, float]) -> str:
     return markdown(["rig", *heads, "focal length error %, camera free"], rows)
 
 
-ROUTES = {
+APPROACHES = {
     "true_setup": "the true setup (limit by these corners)",
     "physical_model": "physical model",
-    "true_setup_usual_corners": "the true setup, corners of 0.046 px",
-    "physical_model_usual_corners": "physical model, corners of 0.046 px",
-    "virtual_cameras_joint_free_4_terms": "virtual cameras together, lenses free, k1 k2 p1 p2",
-    "virtual_cameras_joint_fixed_4_terms": "virtual cameras together, lens of the camera, k1 k2 p1 p2",
-    "virtual_cameras_joint_free_0_terms": "virtual cameras together, lenses free, no distortion",
-    "virtual_cameras_each_alone_then_pairs_4": "virtual cameras, each alone, then pairs (OpenCV's way)",
-    "sketch_mid_sub_image_ray": "ray sketch, ray of the sub-image's middle",
-    "sketch_middle_ray_to_the_rim": "ray sketch, middle ray to the rim",
-    "sketch_middle_ray_to_the_rim_field_point_apex": "the same after a field point test",
-    "best_pinhole_fit_4_terms": "best pinholes that there are for the true rays",
+    "virtual_cameras_intrinsics_free": "virtual cameras together, lenses free, k1 k2 p1 p2",
+    "virtual_cameras_intrinsics_free_in_the_true_frame": "the same, were their frame known",
+    "virtual_cameras_intrinsics_fixed": "virtual cameras together, lens of the camera, k1 k2 p1 p2",
+    "virtual_cameras_each_alone_then_pairs": "virtual cameras, each alone, then pairs (OpenCV's way)",
+    "best_pinholes_for_the_true_rays": "best pinholes that there are for the true rays",
+    "ray_sketch_middle": "ray sketch, middle ray to the rim",
+    "ray_sketch_middle_perfect_drawing": "the same, were the drawing perfect",
+    "ray_sketch_field_point": "ray sketch after a field point test",
 }
 
 
 def thesis(figures: dict[str, float]) -> str:
-    """Depth of planes by every route."""
+    """Depth of planes by every approach: on photographs, and with computed corners beside."""
     rigs = ("t2_b40", "t3_b40", "t4_b45")
-    parts = ("rms_percent", "largest_percent")
+    parts = ("photographs_rms", "computed_rms", "photographs_largest")
     rows = [
-        [name, *(figures[f"thesis_{rig}_{key}_{part}"] for rig in rigs for part in parts)]
-        for key, name in ROUTES.items()
+        [name, *(figures[f"{rig}_{key}_{part}_percent"] for rig in rigs for part in parts)]
+        for key, name in APPROACHES.items()
     ]
-    heads = ["2 facets rms", "largest", "3 facets rms", "largest", "4 facets rms", "largest"]
-    return markdown(["route", *heads], rows)
+    heads = [head for facets in (2, 3, 4) for head in (f"{facets} facets rms", "computed", "largest")]
+    return markdown(["approach", *heads], rows)
 
 
 def real(figures: dict[str, float]) -> str:
@@ -131,7 +129,7 @@ TABLES = {  # name -> file of figures, table
     "optics": ("optics", optics),
     "real": ("calibration", real),
     "speed": ("calibration", calibration_speed),
-    "thesis": ("calibration", thesis),
+    "thesis": ("thesis", thesis),
 }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from functools import cache
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from benchmarks.data import data_folder, renderer_setup
 from cyclopean import read_photograph
+from cyclopean.jobs.experiment_photographs import RenderedSet, rendered_set
 from cyclopean.targets import Board, Observations, observe
 
 
@@ -28,29 +28,26 @@ class Corners:
 
 def renderer_corners(name: str, noise: float = 0.0, seed: int = 1) -> Corners:
     """True corners of a set of photographs, such as `calib_n3`, with Gaussian noise of so many px."""
-    board, views, truth = _set(name)
+    given, truth = _set(name)
     rng = np.random.default_rng(seed)
     pixels = truth["uv"] + rng.normal(0, noise, truth["uv"].shape) if noise else truth["uv"]
-    observations = Observations(
-        truth["view"], truth["facet"], truth["corner_id"], pixels, tuple(view["file"] for view in views), 0.05
-    )
-    return Corners(board, observations, truth["uv"], truth["xyz_cam"], _depths(views), len(truth["uv"]))
+    observations = Observations(truth["view"], truth["facet"], truth["corner_id"], pixels, given.files, 0.05)
+    return Corners(given.board, observations, truth["uv"], truth["xyz_cam"], given.depths, len(truth["uv"]))
 
 
 @cache
 def detected_corners(name: str) -> Corners:
     """What our detector finds in a set of photographs, looking in the renderer's true sub-images."""
-    board, views, truth = _set(name)
-    folder = data_folder("mitsuba") / name
-    photographs = [(view["file"], read_photograph(folder / view["file"])) for view in views]
+    given, truth = _set(name)
+    photographs = [(path.name, read_photograph(path)) for path in given.paths]
     masks = None if name == "camera_only" else renderer_setup(rig_of(name)).rig().masks
-    observations, notes = observe(photographs, board, masks)
+    observations, notes = observe(photographs, given.board, masks)
     keys = zip(truth["view"], truth["facet"], truth["corner_id"], strict=True)
     known = {tuple(int(k) for k in key): row for row, key in enumerate(keys)}
     found = zip(observations.photo, observations.view, observations.point, strict=True)
     rows = np.array([known.get((int(p), int(v), int(c)), -1) for p, v, c in found])
     pixels, points = (np.where(rows[:, None] >= 0, truth[key][rows], np.nan) for key in ("uv", "xyz_cam"))
-    return Corners(board, observations, pixels, points, _depths(views), len(truth["uv"]), tuple(notes))
+    return Corners(given.board, observations, pixels, points, given.depths, len(truth["uv"]), tuple(notes))
 
 
 def rig_of(name: str) -> str:
@@ -59,22 +56,7 @@ def rig_of(name: str) -> str:
     return rig.removesuffix("_chroma").removesuffix("_ghosts")
 
 
-def _set(name):
-    folder = data_folder("mitsuba") / name
-    described = json.loads((folder / "views.json").read_text())
-    given = described["board"]
-    board = Board(
-        "charuco",
-        given["squares_x"],
-        given["squares_y"],
-        given["square"],
-        given["marker"],
-        given["dictionary"],
-        given.get("legacy_pattern", False),
-    )
-    with np.load(folder / "corners.npz") as truth:
-        return board, described["views"], {key: truth[key] for key in ("view", "facet", "corner_id", "uv", "xyz_cam")}
-
-
-def _depths(views):
-    return np.array([view.get("depth_mm", np.nan) for view in views], dtype=float)
+def _set(name) -> tuple[RenderedSet, dict[str, np.ndarray]]:
+    given = rendered_set(data_folder("mitsuba"), name)
+    with np.load(given.folder / "corners.npz") as truth:
+        return given, {key: truth[key] for key in ("view", "facet", "corner_id", "uv", "xyz_cam")}

@@ -12,10 +12,18 @@ from . import (  # noqa: F401  they register their commands
     calibration,
     camera,
     comparison,
+    epipolar,
+    errors,
     exchange,
+    experiments,
+    field_of_view,
+    matches,
+    measurement,
     reconstruction,
     regions,
     setups,
+    tolerances,
+    workshop,
 )
 from .app import app, parse_depths
 

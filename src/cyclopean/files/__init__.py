@@ -9,6 +9,8 @@ from .clouds import write_ply
 from .depths import read_depths, write_depths
 from .disk import output_folder, replacing
 from .exchange import NamedCamera, flipped, read_cameras, write_camera, write_cameras
+from .matches import write_matches
+from .meshes import write_mesh
 from .observations import read_observations, write_observations
 from .photographs import check_exposure, read_photograph, write_image
 from .pinholes import read_pinholes, write_pinholes
@@ -32,6 +34,8 @@ __all__ = [
     "write_cameras",
     "write_depths",
     "write_image",
+    "write_matches",
+    "write_mesh",
     "write_observations",
     "write_pinholes",
     "write_ply",

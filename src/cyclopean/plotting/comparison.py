@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ..calibration.comparison import Comparison, Route
 
 _PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
-_STYLES = {  # colours of Okabe and Ito, one for each family; marker, line
+STYLES = {  # colours of Okabe and Ito, one for each family; marker, line
     "ray sketch (middle)": ("#e69f00", "o", "-"),
     "ray sketch (edge)": ("#e69f00", "s", "--"),
     "ray sketch + field point": ("#d55e00", "D", "-"),
@@ -81,7 +81,7 @@ def _curve(axes, route, depths, values):
 
 
 def _style(route):
-    return _STYLES.get(route.name, ("#999999", "x", ":"))
+    return STYLES.get(route.name, ("#999999", "x", ":"))
 
 
 def _finish(axes, title, label):
