@@ -1,10 +1,10 @@
-"""Write the tables of README.md from the stored figures, so that none is typed by hand.
+"""Write the tables of README.md and of the pages in docs from the stored figures, so that none is typed by hand.
 
-    python -m benchmarks.readme_tables [--check] [FILE]
+    python -m benchmarks.readme_tables [--check] [FILE ...]
 
 A line `<!-- table: NAME -->` and the next line `<!-- end -->` stand around each table; what is between them is
 replaced by the table NAME: one of TABLES, from a file in results/. --check writes nothing, and
-fails when the file is not what would be written.
+fails when a file is not what would be written.
 """
 
 import argparse
@@ -122,14 +122,68 @@ def calibration_speed(figures: dict[str, float]) -> str:
     return markdown(["calibration with covariance", "s"], rows)
 
 
+def sparse(figures: dict[str, float]) -> str:
+    """False matches of dots that all look alike, by number of views."""
+    keys = ("candidates", "all_false_pct", "clear_false_pct", "clear_found_pct", "three_false_pct", "three_found_pct")
+    rows = []
+    for views in (2, 3, 4, 5):
+        cells: list[object] = [figures[f"dots_aligned_n5_{views}views_{key}"] for key in keys]
+        rows.append([str(views), *(cells if views > 2 else [*cells[:4], "", ""])])
+    heads = ["candidates of a dot", "false of all matches %", "false of the clear ones %", "dots found %"]
+    return markdown(["views", *heads, "false of those in three views %", "dots found %"], rows)
+
+
+def epipolar(figures: dict[str, float]) -> str:
+    """How far straight lines are off the true epipolar curves."""
+    models = ("pinholes", "distorted_pinholes", "matrix", "own_line")
+    rigs = [key.removeprefix("line_").removesuffix("_matrix_rms_px") for key in figures if "_matrix_rms_px" in key]
+    rows = [[rig, *(figures[f"line_{rig}_{model}_{kind}_px"] for model in models for kind in ("rms", "max"))]
+            for rig in rigs]  # fmt: skip
+    names = ("two pinholes", "with distortion", "fitted matrix", "line of its own")
+    return markdown(["rig", *(head for name in names for head in (f"{name}: rms px", "largest"))], rows)
+
+
+def measuring(figures: dict[str, float]) -> str:
+    """Points found and lengths measured in rendered photographs, with and without noise."""
+    keys = ("found_percent", "false_percent", "error_median_px", "depth_median_mm", "depth_over_sigma_times")
+    keys += ("length_median_percent", "length_over_sigma_times")
+    cases = [key.removesuffix("_found_percent") for key in figures if key.endswith("_found_percent")]
+    rows = [[*case.split("_noise"), *(figures[f"{case}_{key}"] for key in keys)] for case in cases]
+    heads = ["found %", "false %", "px, median", "depth mm, median", "depth over sigma", "length %, median"]
+    return markdown(["scene", "noise, grey levels", *heads, "length over sigma"], rows)
+
+
+def tolerances(figures: dict[str, float]) -> str:
+    """Depth errors of prisms within their tolerances, before and after calibration."""
+    cases = {
+        "before": "before calibration, usual tolerances",
+        "after": "after 12 photographs through the prism, camera as drawn",
+        "after_with_camera_photos": "after 6 more without the prism",
+    }
+    rows = [
+        [
+            name,
+            figures[f"prism3_{case}_95_percent_at_990mm_percent"],
+            *(figures.get(f"prism3_{case}_{key}") for key in ("foretold_rms_mm", "real_rms_mm", "chi_square_of_20")),
+        ]
+        for case, name in cases.items()
+    ]
+    heads = ["95 % of the errors, % of depth", "rms foretold mm", "rms of 20 real calibrations mm", "their chi-square"]
+    return markdown(["", *heads], rows)
+
+
 TABLES = {  # name -> file of figures, table
     "accuracy": ("accuracy", accuracy),
     "calibration": ("calibration", calibration),
     "dense": ("dense", dense),
+    "epipolar": ("epipolar", epipolar),
+    "measuring": ("measuring", measuring),
     "optics": ("optics", optics),
     "real": ("calibration", real),
+    "sparse": ("sparse", sparse),
     "speed": ("calibration", calibration_speed),
     "thesis": ("thesis", thesis),
+    "tolerances": ("tolerances", tolerances),
 }
 
 
@@ -145,6 +199,8 @@ def shown(cell: object) -> str:
     """Text of one cell."""
     if not isinstance(cell, float):
         return str(cell or "")
+    if cell == 0:
+        return "0"
     return f"{cell:.0f}" if cell >= 100 else f"{cell:.3g}" if cell >= 1 else f"{cell:.2g}"
 
 
@@ -159,18 +215,25 @@ def filled(text: str) -> str:
     return BLOCK.sub(block, text)
 
 
+def pages() -> list[Path]:
+    """The pages that hold tables."""
+    found = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    return [page for page in found if BLOCK.search(page.read_text())]
+
+
 def main() -> None:
     """Write the tables, or say whether they are what they should be."""
-    parser = argparse.ArgumentParser(description="Write the tables of README.md from the stored figures.")
-    parser.add_argument("file", nargs="?", type=Path, default=ROOT / "README.md", help="default: README.md")
+    parser = argparse.ArgumentParser(description="Write the tables of README.md and docs from the stored figures.")
+    parser.add_argument("files", nargs="*", type=Path, help="default: README.md and the pages in docs")
     parser.add_argument("--check", action="store_true", help="write nothing; fail when a table is out of date")
     chosen = parser.parse_args()
-    old = chosen.file.read_text()
-    new = filled(old)
-    if chosen.check and new != old:
-        raise SystemExit(f"{chosen.file.name} does not show the stored figures; run python -m benchmarks.readme_tables")
-    if not chosen.check:
-        chosen.file.write_text(new)
+    for page in chosen.files or pages():
+        old = page.read_text()
+        new = filled(old)
+        if chosen.check and new != old:
+            raise SystemExit(f"{page.name} does not show the stored figures; run python -m benchmarks.readme_tables")
+        if not chosen.check:
+            page.write_text(new)
 
 
 if __name__ == "__main__":

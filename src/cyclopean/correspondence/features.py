@@ -218,7 +218,8 @@ def _akaze(upright):
     create = getattr(cv2, "AKAZE_create", None) or getattr(getattr(cv2, "xfeatures2d", None), "AKAZE_create", None)
     if create is None:
         raise SetupError(
-            f"this OpenCV ({cv2.__version__}) has no AKAZE: take sift or orb, or install opencv-contrib-python-headless"
+            f"this OpenCV ({cv2.__version__}) has no AKAZE: take sift or orb, or put opencv-contrib-python-headless in "
+            "the place of opencv-python-headless"
         )
     return create(descriptor_type=4 if upright else 5, threshold=3e-4)  # MLDB, upright or turned with the feature
 
