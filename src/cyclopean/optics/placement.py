@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,7 +34,7 @@ class Placement:
         translation = np.array([*np.asarray(shift, dtype=float), distance])
         return cls(np.deg2rad(np.asarray(tilt_deg, dtype=float)), translation, np.eye(3) if turn is None else turn)
 
-    @property
+    @cached_property
     def rotation(self) -> np.ndarray:
         """Rotation (3, 3) from the optic's frame into the camera's."""
         return rotation_from_vector(self.tilt) @ self.turn

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -92,7 +93,7 @@ class Prism:
         azimuths = np.deg2rad(self.azimuth_deg) + 2 * np.pi * np.arange(self.facets) / self.facets
         return np.deg2rad(self.apex_deg) + deviation[:, 0], azimuths + deviation[:, 1]
 
-    @property
+    @cached_property
     def placement(self) -> Placement:
         """Where the prism stands; its reference point is the flat face's centre, or the apex if that is nearer."""
         turn = np.eye(3) if self.facing == "scene" else _HALF_TURN
