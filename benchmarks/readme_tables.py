@@ -126,11 +126,57 @@ def sparse(figures: dict[str, float]) -> str:
     """False matches of dots that all look alike, by number of views."""
     keys = ("candidates", "all_false_pct", "clear_false_pct", "clear_found_pct", "three_false_pct", "three_found_pct")
     rows = []
-    for views in (2, 3, 4, 5):
-        cells: list[object] = [figures[f"dots_aligned_n5_{views}views_{key}"] for key in keys]
-        rows.append([str(views), *(cells if views > 2 else [*cells[:4], "", ""])])
+    for part, name in (("aligned", "along the curves"), ("turned", "turned in six ways")):
+        for views in (2, 3, 4, 5):
+            cells: list[object] = [figures[f"dots_{part}_n5_{views}views_{key}"] for key in keys]
+            counts = (figures[f"dots_{part}_n5_{views}views_clear_{key}_count"] for key in ("false", "matched"))
+            cells[2] = f"{shown(cells[2])} ({' of '.join(f'{count:.0f}' for count in counts)})"
+            rows.append([name, str(views), *(cells if views > 2 else [*cells[:4], "", ""])])
     heads = ["candidates of a dot", "false of all matches %", "false of the clear ones %", "dots found %"]
-    return markdown(["views", *heads, "false of those in three views %", "dots found %"], rows)
+    return markdown(["rows of dots", "views", *heads, "false of those in three views %", "dots found %"], rows)
+
+
+def sparse_views(figures: dict[str, float]) -> str:
+    """Precision and recall of the points of the first two views, by number of views."""
+    cases = {
+        "dots_aligned_n5": "dots, 5 mm, aligned",
+        "dots_turned_n5": "dots, 5 mm, turned in six ways",
+        "board_5mm_aligned_n5": "chessboard, 5 mm, aligned",
+        "board_5mm_turned_0_deg_n5": "chessboard, 5 mm, as held",
+        "calib_n5_0.1px": "renderer's corners, 20 mm",
+        "calib_n5_1px": "renderer's corners, 20 mm, 1 px of noise",
+        "targets_t4_b45_0.1px": "renderer's corners, 30 mm, four facets, aligned",
+        "board_30mm_turned_10_deg_t4_b45": "the same board turned by 10 degrees",
+    }
+    rows = []
+    for case, name in cases.items():
+        for views in (2, 3, 4, 5):
+            if f"{case}_{views}views_joining_false_count" not in figures:
+                continue
+            row: list[object] = [name, str(views)]
+            for part in ("joining", "joining_clear"):
+                false, matched, found, shown = (
+                    int(figures[f"{case}_{views}views_{part}_{count}_count"])
+                    for count in ("false", "matched", "found", "shown")
+                )
+                row += [100 * (1 - false / matched), f"{false} of {matched}", 100 * found / shown]
+            rows.append([*row, str(shown)])
+    heads = ["precision %", "false", "recall %", "clear: precision %", "false", "recall %", "points"]
+    return markdown(["points", "views", *heads], rows)
+
+
+def sparse_edges(figures: dict[str, float]) -> str:
+    """False matches of features of scenes with edges in depth."""
+    cases = [key.removesuffix("_refined_false_count").removeprefix("edges_") for key in figures
+             if key.startswith("edges_") and key.endswith("_refined_false_count")]  # fmt: skip
+    rows: list[list[object]] = []
+    for case in cases:
+        row: list[object] = [*case.rsplit("_", 1)]
+        for how in ("as_found", "refined"):
+            false, matched = (figures[f"edges_{case}_{how}_{what}_count"] for what in ("false", "matches"))
+            row += [f"{false:.0f} of {matched:.0f}", 100 * false / matched]
+        rows.append(row)
+    return markdown(["scene", "features", "as found: false", "%", "refined: false", "%"], rows)
 
 
 def epipolar(figures: dict[str, float]) -> str:
@@ -145,12 +191,14 @@ def epipolar(figures: dict[str, float]) -> str:
 
 def measuring(figures: dict[str, float]) -> str:
     """Points found and lengths measured in rendered photographs, with and without noise."""
-    keys = ("found_percent", "false_percent", "error_median_px", "depth_median_mm", "depth_over_sigma_times")
-    keys += ("length_median_percent", "length_over_sigma_times")
+    keys = ("found_percent", "false_percent", "error_median_px", "depth_median_mm", "length_median_percent")
+    keys += tuple(f"good_{key}" for key in ("68_percent_over_sigma_times", "95_percent_over_sigma_times"))
+    keys += ("good_beyond_3_sigma_percent", "edge_beyond_3_sigma_percent")
     cases = [key.removesuffix("_found_percent") for key in figures if key.endswith("_found_percent")]
-    rows = [[*case.split("_noise"), *(figures[f"{case}_{key}"] for key in keys)] for case in cases]
-    heads = ["found %", "false %", "px, median", "depth mm, median", "depth over sigma", "length %, median"]
-    return markdown(["scene", "noise, grey levels", *heads, "length over sigma"], rows)
+    rows = [[*case.split("_noise"), *(figures.get(f"{case}_{key}") for key in keys)] for case in cases]
+    heads = ["found %", "false %", "px, median", "depth mm, median", "length %, median", "68 % within, sigma"]
+    heads += ["95 % within, sigma", "beyond 3 sigma %", "the same at edges %"]
+    return markdown(["surface", "noise, grey levels", *heads], rows)
 
 
 def tolerances(figures: dict[str, float]) -> str:
@@ -181,6 +229,8 @@ TABLES = {  # name -> file of figures, table
     "optics": ("optics", optics),
     "real": ("calibration", real),
     "sparse": ("sparse", sparse),
+    "sparse_edges": ("sparse", sparse_edges),
+    "sparse_views": ("sparse", sparse_views),
     "speed": ("calibration", calibration_speed),
     "thesis": ("thesis", thesis),
     "tolerances": ("tolerances", tolerances),

@@ -24,6 +24,7 @@ LOST = 0.05  # share of the points that a view misses
 RIGS = (("n5", 2), ("n5", 3), ("n5", 4), ("n5", 5), ("n2", 2), ("n3", 3), ("n4", 4))  # rig, views used of it
 BOARDS = tuple((f"calib_{name}", views) for name, views in RIGS)
 PARALLEL = (("targets_t2_b40", 2), ("targets_t3_b40", 3), *(("targets_t4_b45", views) for views in (2, 3, 4)))
+COUNTS = ("false", "matched", "found", "shown")  # matches that are wrong, all; points found, all
 FALSE = 1.5  # px, a pixel further from the truth is false
 
 
@@ -34,11 +35,7 @@ def part_of(name: str, views: int) -> Rig:
 
 def sheet_of_dots(rig: Rig, depth: float, turn: float) -> np.ndarray:
     """Dots (P, 3) of a wavy sheet; with no turn their rows run along the epipolar curves of the first two views."""
-    middle = (rig[0].region.centre + rig[1].region.centre) / 2
-    endless = rig.unbounded()
-    curve = epipolar_curves(rig, 0, middle, DEPTHS, bounded=False).pixels[1]
-    along = endless[0].rays(middle + np.diff(curve[[0, -1]], axis=0)[0]).at_depth(depth)
-    way = along - endless[0].rays(middle).at_depth(depth)
+    way = along_curves(rig, depth)
     roll = np.arctan2(way[1], way[0]) + turn
     side = np.arange(-170, 170, PITCH)
     x, y = (a.ravel() for a in np.meshgrid(side, side))
@@ -68,9 +65,21 @@ def judge(matches: Matches, names: Sequence[np.ndarray], views: int) -> np.ndarr
     return np.array([len(matches), np.count_nonzero(~right), np.isin(shown, first[right]).sum(), len(shown)])
 
 
+def joining(matches: Matches, names: Sequence[np.ndarray]) -> np.ndarray:
+    """Matches that join the first two views, false ones, points of these two views found, and all of them.
+
+    The same points however many views a rig has: what the others change for them.
+    """
+    joined = matches.select((matches.source[:, 0] >= 0) & (matches.source[:, 1] >= 0))
+    named = np.stack([np.append(name, -1)[rows] for name, rows in zip(names, joined.source.T, strict=True)], 1)
+    right = ((named == named[:, :1]) | (joined.source < 0)).all(1)
+    both = np.intersect1d(names[0], names[1])
+    return np.array([len(joined), np.count_nonzero(~right), np.isin(both, named[right, 0]).sum(), len(both)])
+
+
 def tally(rig: Rig, scenes: list, sigma: float, depths: tuple[float, float]) -> dict[str, float]:
     """Shares of false matches and of points found, in percent, over scenes of (pixels, names)."""
-    sums = {"all": np.zeros(4), "clear": np.zeros(4), "three": np.zeros(4)}
+    sums = {key: np.zeros(4) for key in ("all", "clear", "three", "joining", "joining_clear")}
     candidates, least = [], min(3, len(rig))
     for pixels, names in scenes:
         every = match_points(rig, pixels, depths, sigma=sigma, max_ambiguity=1.0)
@@ -78,11 +87,15 @@ def tally(rig: Rig, scenes: list, sigma: float, depths: tuple[float, float]) -> 
         candidates.append(every.counts.per_point(every.counts.in_band))
         sums["all"] += judge(every, names, 2)
         sums["clear"] += judge(clear, names, 2)
+        sums["joining"] += joining(every, names)
+        sums["joining_clear"] += joining(clear, names)
         sums["three"] += judge(clear.select(clear.views >= least), names, least)
     figures = {"candidates": float(np.mean(candidates)) * (len(rig) - 1)}
     for key, (matched, false, found, shown) in sums.items():
         figures[f"{key}_false_pct"] = 100 * false / matched if matched else np.nan
         figures[f"{key}_found_pct"] = 100 * found / shown if shown else np.nan
+        counts = zip(COUNTS, (false, matched, found, shown), strict=True)
+        figures |= {f"{key}_{name}_count": value for name, value in counts}
     return figures
 
 
@@ -97,6 +110,51 @@ def dots(turns: Sequence[float], part: str) -> dict[str, float]:
     show(f"dots {PITCH:g} mm apart, {part}", rows)
     for name, views, one in rows:
         figures |= {f"dots_{part.split()[0]}_{name}_{views}views_{key}": value for key, value in one.items()}
+    return figures
+
+
+def held(folder: str, pitch: float, turn_deg: float | None = 0.0) -> list[np.ndarray]:
+    """Inner corners (P, 3) mm of boards as large as the renderer's, where it held them, turned in their own plane.
+
+    Without a turn their rows run along the epipolar curves of the first two views.
+    """
+    document = json.loads((data_folder("mitsuba") / folder / "views.json").read_text())
+    board = document["board"]
+    size = np.array([board["squares_x"], board["squares_y"]]) * board["square"]
+    x, y = np.meshgrid(*(np.arange(pitch, length - 1e-6, pitch) for length in size))
+    flat = np.stack([x.ravel(), y.ravel()], -1) - size / 2
+    boards, way = [], along_curves(part_of(folder.partition("_")[2], 2), 900.0)
+    for pose in document["views"][:6]:
+        turned = np.array(pose["R_cam_board"])
+        x, y = np.linalg.solve(turned[:2, :2], way)
+        roll = np.arctan2(y, x) if turn_deg is None else np.deg2rad(turn_deg)
+        c, s = np.cos(roll), np.sin(roll)
+        board = np.column_stack([flat @ np.array([[c, s], [-s, c]]) + size / 2, np.zeros(len(flat))])
+        boards.append(board @ turned.T + pose["t_cam_board"])
+    return boards
+
+
+def along_curves(rig: Rig, depth: float) -> np.ndarray:
+    """The way (2,) mm in a plane across the axis that epipolar curves of the first view follow in the second one."""
+    middle = (rig[0].region.centre + rig[1].region.centre) / 2
+    endless = rig.unbounded()
+    curve = epipolar_curves(rig, 0, middle, DEPTHS, bounded=False).pixels[1]
+    along = endless[0].rays(middle + np.diff(curve[[0, -1]], axis=0)[0]).at_depth(depth)
+    return (along - endless[0].rays(middle).at_depth(depth))[:2]
+
+
+def chessboards(folder: str, pitch: float, most: int, turn_deg: float | None) -> dict[str, float]:
+    """Corners of a chessboard, computed where the renderer held its board, seen by the first views of its rig."""
+    rows, figures, name = [], {}, folder.partition("_")[2]
+    boards = held(folder, pitch, turn_deg)
+    how = "aligned" if turn_deg is None else f"turned {turn_deg:g} deg"
+    for views in range(2, most + 1):
+        rig = part_of(name, views)
+        scenes = [seen(rig, points, SIGMA, seed) for seed, points in enumerate(boards)]
+        rows.append((name, views, tally(rig, scenes, SIGMA, DEPTHS)))
+        key = f"board_{pitch:g}mm_{how.replace(' ', '_')}_{name}_{views}views"
+        figures |= {f"{key}_{what}": value for what, value in rows[-1][2].items()}
+    show(f"corners of a chessboard {pitch:g} mm apart where the renderer held its board, {how}", rows)
     return figures
 
 
@@ -125,6 +183,10 @@ def show(title: str, rows: list) -> None:
     keys = [f"{key}_{what}_pct" for key in ("all", "clear", "three") for what in ("false", "found")]
     cells = [(name, views, one["candidates"], *(one[key] for key in keys)) for name, views, one in rows]
     table(f"{title}; shares in %", columns, cells)
+    columns = ("rig", "views", "all: false", "matches", "found", "points", "clear: false", "matches", "found", "points")
+    names = [f"{key}_{name}_count" for key in ("joining", "joining_clear") for name in COUNTS]
+    cells = [(name, views, *(int(one[key]) for key in names)) for name, views, one in rows]
+    table(f"{title}; counts of what joins the first two views", columns, cells)
 
 
 def saddles(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -233,6 +295,42 @@ def from_map(matches: Matches, rig: Rig, xyz: np.ndarray) -> np.ndarray:
     return apart(matches, rig, lambda rays, mine: rays.at_depth(depths[mine]))
 
 
+def edges() -> dict[str, float]:
+    """Features of scenes with steps and round bodies, edges in depth and all, before and after refinement."""
+    rows, figures = [], {}
+    for scene in ("n2_steps", "n3_steps", "n3_pose_steps", "n4_steps", "n4_round"):
+        rig, path = renderer_setup(scene.rpartition("_")[0]).rig(), data_folder("mitsuba") / "scenes" / scene
+        photograph, xyz = read_photograph(path.with_suffix(".png")), np.load(path.with_suffix(".npz"))["xyz"]
+        for detector in ("sift", "orb"):
+            for refine in (False, True):
+                matches = match_features(photograph, rig, (600, 1600), detector=detector, refine=refine)
+                false, by_three = off_every_depth(matches, rig, xyz[..., 2]), matches.views >= 3
+                how, three = "refined" if refine else "as found", int((false & by_three).sum())
+                rows.append((scene, detector, how, len(matches), int(false.sum()), 100 * false.mean(), three))
+                key = f"edges_{scene}_{detector}_{how.replace(' ', '_')}"
+                figures |= {f"{key}_matches_count": len(matches), f"{key}_false_count": int(false.sum())}
+                figures |= {f"{key}_three_views_count": int(by_three.sum()), f"{key}_three_views_false_count": three}
+    columns = ("scene", "features", "pixels", "matches", "false", "false (%)", "of these in 3 views or more")
+    table("features of scenes with edges in depth, depths 600 to 1600 mm", columns, rows)
+    return figures
+
+
+def off_every_depth(matches: Matches, rig: Rig, depth: np.ndarray) -> np.ndarray:
+    """Which matches (P,) lie at none of the true depths of 5 x 5 pixels of the map, to 1 % and 5 sigma, in a view."""
+    step = rig.size[1] / len(depth)
+    around = np.arange(-2, 3)
+    farthest = np.zeros(len(matches))
+    for k in range(len(rig)):
+        seen = matches.source[:, k] >= 0
+        column, row = np.rint(matches.pixels[seen, k] / step).astype(int).T
+        rows = np.clip(row[:, None, None] + around[:, None], 0, depth.shape[0] - 1)
+        columns = np.clip(column[:, None, None] + around, 0, depth.shape[1] - 1)
+        gap = np.abs(depth[rows, columns] - matches.points[seen, 2, None, None])
+        farthest[seen] = np.maximum(farthest[seen], np.nan_to_num(gap, nan=np.inf).min((1, 2)))
+    sigma = np.sqrt(matches.covariance[:, 2, 2])
+    return farthest > np.maximum(0.01 * matches.points[:, 2], 5 * sigma)
+
+
 def speed() -> dict[str, float]:
     """Time for 2,000 points in each of five views."""
     rig = part_of("n5", 5)
@@ -259,8 +357,13 @@ def main() -> None:
     for sigma in (0.1, 1.0):
         figures |= corners(BOARDS, "corners of a tilted chessboard, 20 mm apart", sigma)
     figures |= corners(PARALLEL, "corners of a chessboard parallel to the sensor, 40 mm baseline", SIGMA)
+    for way in (None, 0.0):
+        figures |= chessboards("calib_n5", 5.0, 5, way)
+    for turn in (0.0, 10.0):
+        figures |= chessboards("targets_t4_b45", 30.0, 4, turn)
     figures |= detected()
     figures |= features()
+    figures |= edges()
     figures |= speed()
     write("sparse", {key: value for key, value in figures.items() if np.isfinite(value)})
 

@@ -155,6 +155,84 @@ def test_more_views_remove_the_false_matches_of_two():
     assert false[5] < 0.5 * false[2]
 
 
+def unnamed_corners(mitsuba, folder, views):
+    """The renderer's true corners of four photographs as each view shows them, 0.5 px of noise, without their names."""
+    truth, random = np.load(mitsuba / folder / "corners.npz"), np.random.default_rng(6)
+    for photo in range(4):
+        mine = [np.flatnonzero((truth["view"] == photo) & (truth["facet"] == k)) for k in range(views)]
+        mine = [random.permutation(rows) for rows in mine]
+        pixels = [truth["uv"][rows] + random.normal(0, 0.5, (len(rows), 2)) for rows in mine]
+        yield pixels, [truth["corner_id"][rows] for rows in mine]
+
+
+@pytest.mark.parametrize("views", [2, 3, 4, 5])
+def test_chessboard_corners_without_names(mitsuba, views):
+    """A coarse board: no view leaves a doubt, and more views leave no fewer of the points of the first two."""
+    from benchmarks.data import renderer_setup
+
+    rig = Rig(renderer_setup("n5").rig().views[:views])
+    matched, points = 0, 0
+    for pixels, names in unnamed_corners(mitsuba, "calib_n5", views):
+        matches = match_points(rig, pixels, (300, 3000), sigma=0.5)
+        right, found = judged(matches, names)
+        assert right.all()  # 20 mm stand for 50 px, and no two corners share a band of 3.5 x 0.7 px for long
+        both = np.intersect1d(names[0], names[1])
+        matched, points = matched + np.isin(both, found).sum(), points + len(both)
+    assert matched >= 0.85 * points  # those that another corner's band crosses stay doubtful in two views
+
+
+def test_more_views_remove_false_matches_of_a_board_along_both_baselines(mitsuba):
+    """A square board parallel to the sensor behind a square prism: each view confirms the lattice shifted by a row."""
+    from benchmarks.data import renderer_setup
+
+    every = renderer_setup("t4_b45").rig()
+    joined = {}
+    for pair in ((0, 1), (0, 2)):
+        for order in (pair, (*pair, *(k for k in range(4) if k not in pair))):
+            rig, false, count = Rig(tuple(every[k] for k in order)), 0, 0
+            for pixels, names in unnamed_corners(mitsuba, "targets_t4_b45", 4):
+                given = [pixels[k] for k in order], [names[k] for k in order]
+                matches = match_points(rig, given[0], (300, 3000), sigma=0.5, max_ambiguity=1.0)
+                right, _ = judged(matches, given[1])
+                both = (matches.source[:, :2] >= 0).all(1)
+                false, count = false + np.count_nonzero(~right[both]), count + both.sum()
+            joined[pair, len(order)] = false / count
+        assert joined[pair, 2] > 0.1  # without a third view many corners fit several partners
+        assert joined[pair, 4] < 0.75 * joined[pair, 2]
+
+
+def test_unrelated_points_are_not_matched():
+    """Points drawn anew in every view: the sets that fit best are those that chance made fit."""
+    random = np.random.default_rng(8)
+    pixels = []
+    for view in RIG:
+        y, x = np.nonzero(view.region.mask)
+        some = random.integers(0, len(y), 300)
+        pixels.append(np.stack([x[some], y[some]], -1) + random.uniform(-0.5, 0.5, (300, 2)))
+    assert match_points(RIG, pixels, DEPTHS, sigma=SIGMA, max_ambiguity=1.0).counts.matched > 20
+    assert len(match_points(RIG, pixels, DEPTHS, sigma=SIGMA)) <= 3  # of 1500 points
+
+
+def test_a_photograph_of_noise_has_no_matches():
+    noise = np.random.default_rng(0).integers(0, 255, RIG.size[::-1], dtype=np.uint8)
+    doubtful = match_features(noise, RIG, DEPTHS, detector="orb", max_ambiguity=1.0, refine=False, most=1500)
+    assert len(doubtful) > 30
+    assert len(match_features(noise, RIG, DEPTHS, detector="orb", refine=False, most=1500)) <= 1
+
+
+def test_features_at_edges_in_depth_are_refused(mitsuba):
+    from benchmarks.data import renderer_setup
+    from benchmarks.sparse import off_every_depth
+    from cyclopean.files import read_photograph
+
+    rig, scene = renderer_setup("n3").rig(), mitsuba / "scenes" / "n3_steps"
+    photograph, depth = read_photograph(scene.with_suffix(".png")), np.load(scene.with_suffix(".npz"))["xyz"][..., 2]
+    matches = match_features(photograph, rig, (600, 1600))
+    assert len(matches) > 3000
+    # windows over an edge see two surfaces; those whose halves disagree by less than 0.4 px remain
+    assert off_every_depth(matches, rig, depth).mean() < 0.004
+
+
 def test_descriptors_decide_where_place_cannot():
     pair = Rig(RIG.views[:2])
     shared = triangulated_middle(pair)
@@ -251,7 +329,7 @@ def test_features_of_a_textured_plane(plane, detector):
     assert (gap < 4 * sigma + 1).mean() >= 0.97
     rough = match_features(photograph, rig, (500, 1200), detector=detector, refine=False)
     aligned = align(photograph, rig, rough, sigma=0.1)
-    assert np.median(aligned.residual) < np.median(rough.residual)
+    assert np.percentile(aligned.residual, 90) < np.percentile(rough.residual, 90)  # of noise-free SIFT few are off
 
 
 def test_features_need_a_picture(plane):

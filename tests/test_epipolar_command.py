@@ -2,13 +2,17 @@
 
 import csv
 import json
+import re
+import warnings
 
 import cv2
 import numpy as np
 import pytest
 from commands import run
+from setups import SETUPS
 
-from cyclopean import Camera, Plate, Prism, Setup, write_setup
+from cyclopean import Camera, Mirror, Mirrors, Plate, Prism, Setup, write_setup
+from cyclopean.errors import SetupError
 
 BIPRISM = Setup(Camera((640, 480), 1200), Prism(2, 10, 1.5168, 60))
 
@@ -77,6 +81,7 @@ def test_command_takes_a_photograph_and_a_calibration(monkeypatch, capsys, tmp_p
         (["--pixel", "150,240", "--view", "1"], "lies in view"),
         (["--view", "7"], "--view must be 0 to 1, got 7"),
         (["--depth", "900..300"], "0 < NEAR < FAR"),
+        (["--depth", "1e-3..1e9"], "inside the optic"),
         (["--noise-px", "-1"], "pixel noise"),
         (["missing.png"], "there is no such file"),
         (["--calibration", "missing.json"], "there is no such file"),
@@ -97,3 +102,41 @@ def test_command_wants_a_second_view(monkeypatch, capsys, tmp_path):
     status, _, errors = run(monkeypatch, capsys, "epipolar", "--setup", path, "-o", tmp_path / "out")
     assert status == 2
     assert "need a second one" in errors
+
+
+def test_depths_begin_behind_the_optic():
+    """Whatever the optic, points just behind the limit that the message names are on rays of two views."""
+    for name, setup in SETUPS.items():
+        rig = setup.rig()
+        with pytest.raises(SetupError, match="inside the optic") as told:
+            rig.check_depths((1.0, 1e6))
+        near = float(re.search(r"use ([\d.]+) mm", str(told.value))[1])
+        assert rig.check_depths((near, 1e6)) == (near, 1e6), name
+        started = [np.isfinite(view.rays(pixels_of(view)).at_depth(near)).all(-1) for view in rig]
+        assert sum(rays.any() for rays in started) >= min(2, len(rig))
+    for wrong in ((900, 300), (-5, 300), (300, np.inf), (np.nan, 300), (300,), 300):
+        with pytest.raises(SetupError, match="near"):
+            rig.check_depths(wrong)
+
+
+def test_beside_a_mirror_there_may_be_a_scene():
+    """A wall mirror from 50 to 450 mm beside the axis: what lies at 300 mm is seen directly and in the mirror."""
+    wall = Mirrors((Mirror((40, 0, 250), (-1, 0, 0), (400, 300)),), ((0,),), direct=True)
+    rig = Setup(Camera((640, 480), 900), wall).rig()
+    assert rig.check_depths((300, 900)) == (300.0, 900.0)
+
+
+def test_curves_of_a_short_range_are_drawn_without_a_warning(monkeypatch, capsys, tmp_path, setup_file):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        rig = BIPRISM.rig()
+        near = rig._last_surface + 0.1
+        words = ("epipolar", "--setup", setup_file, "--depth", f"{near}..{near + 0.1}", "-o", tmp_path)
+        status, _, errors = run(monkeypatch, capsys, *words)
+    assert status in (0, 2)
+    assert "Warning" not in errors
+
+
+def pixels_of(view):
+    y, x = np.nonzero(view.region.mask)
+    return np.stack([x, y], -1)[::97].astype(float)

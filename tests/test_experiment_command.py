@@ -11,8 +11,8 @@ from cyclopean import Camera, Prism, Setup, write_setup
 from cyclopean.optics import Plate
 from tests.commands import run
 
-RIGHT = ("--noise-px", "0", "--drawing-apex-deg", "0", "--drawing-distance-mm", "0", "--drawing-tilt-deg", "0")
-QUICK = ("--depths", "700,1000", "--photographs", "4")
+RIGHT = ("--corner-noise-px", "0", "--drawing-apex-deg", "0", "--drawing-distance", "0", "--drawing-tilt-deg", "0")
+QUICK = ("--depths", "700,1000", "--photos", "4")
 FILES = ("table.csv", "table.md", "table.tex", "errors.png", "cameras.png", "ray_map.png", "boards.png",
          "disparity.png", "epipolar.png", "report.html")  # fmt: skip
 
@@ -80,18 +80,23 @@ def test_an_experiment_runs_on_photographs(monkeypatch, capsys, few, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("multiocular", "--facets", "1"), "2 facets or more"),
+        (("multiocular", "--facets", "1"), "2 (a biprism) to 60"),
+        (("multiocular", "--facets", "nan"), "must be a whole number"),
+        (("multiocular", "--facets", "inf"), "must be a whole number"),
+        (("multiocular", "--apex-deg", "nan"), "--apex-deg must lie between 0 and 90"),
+        (("biprism", "--drawing-apex-deg", "nan"), "--drawing-apex-deg must be a number"),
+        (("biprism", "--photos", "2"), "--photos: calibration wants 3"),
         (("multiocular", "--facets", "2.5"), "must be a whole number"),
         (("biprism", "--baseline", "400"), "out of reach with 2 facets of 12 degrees: the prism would reach"),
         (("biprism", "--depths", "700,600"), "rising numbers"),
         (("biprism", "--depths", "abc"), "for example 600,700,800"),
         (("biprism", "--depths", "nan"), "above 0"),
         (("biprism", "--glass", "unobtainium"), "unknown medium"),
-        (("biprism", "--noise-px", "-1"), "0 px or more"),
+        (("biprism", "--corner-noise-px", "-1"), "0 px or more"),
         (("biprism", "--seed", "-1"), "0 or more"),
         (("biprism", "--data", "nowhere"), "no such folder"),
         (("biprism", "--data", "."), "wants the folders camera_only, calib_t2_b40"),
-        (("biprism", "--data", ".", "--noise-px", "1"), "leave --noise-px out"),
+        (("biprism", "--data", ".", "--corner-noise-px", "1"), "leave --corner-noise-px out"),
         (("biprism", "--setup", "missing.toml"), "no such file"),
         (("biprism", "--setup", "five.toml"), "this prism has 5 facets, but the experiment is about 2"),
         (("multiocular", "--setup", "five.toml", "--apex-deg", "10"), "leave --apex-deg out"),

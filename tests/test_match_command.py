@@ -95,6 +95,15 @@ def test_points_of_one_view_are_looked_for_in_the_picture(monkeypatch, capsys, f
         found = np.array([float(row[name]) for name in "xyz"])
         sigma = float(row["sigma_z"])
         assert np.linalg.norm(points - found, axis=1).min() < 5 * sigma + 1
+        # 0.1 px of 600 px focal length move a point at 800 mm by 0.13 mm sideways
+        assert float(row["sigma_x"]) == pytest.approx(0.13, rel=0.3)
+        assert "ambiguity" not in row
+        assert 0 <= float(row["next_best"]) < 1
+    report = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "0.1" in report.partition("pixel noise (px)")[2][:40]
+    words = ("--points", tmp_path / "points.csv", "--max-ambiguity", 0.5, "-o", tmp_path)
+    status, _, errors = match(monkeypatch, capsys, folder, *words)
+    assert (status, "points of several views" in " ".join(errors.split())) == (2, True)
 
 
 def test_stricter_means_fewer(monkeypatch, capsys, folder, tmp_path):
@@ -108,6 +117,7 @@ def test_stricter_means_fewer(monkeypatch, capsys, folder, tmp_path):
     ("words", "said"),
     [
         (("--depth", "900..500"), "NEAR"),
+        (("--depth", "5..3000"), "inside the optic"),
         (("--noise-px", "0"), "--noise-px"),
         (("--noise-px", "nan"), "--noise-px"),
         (("--max-ambiguity", "2"), "--max-ambiguity"),

@@ -7,7 +7,7 @@ import pytest
 from unlabelled import DEPTHS, RIG, SIGMA, random_scene, seen_by, triangulated_middle
 
 from cyclopean import Rig
-from cyclopean.correspondence.hypotheses import _wrongly_confirmed, gather, trace
+from cyclopean.correspondence.hypotheses import Hypotheses, _wrongly_confirmed, gather, trace
 from cyclopean.correspondence.kernels import (
     Noise,
     innovation,
@@ -16,7 +16,7 @@ from cyclopean.correspondence.kernels import (
     squared_distance,
     update,
 )
-from cyclopean.correspondence.points import _checked_descriptors
+from cyclopean.correspondence.points import _checked_descriptors, shown_share
 from cyclopean.correspondence.resolution_kernels import resolve
 from cyclopean.epipolar import distance_to_curves, epipolar_curves
 from cyclopean.triangulation import triangulate
@@ -128,6 +128,18 @@ def resolve_slowly(rows, evidence, firm):
             return accepted
 
 
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.6])
+def test_the_share_of_points_with_a_partner_is_found(share):
+    """The log of a likelihood ratio that is normal has the mean -s^2/2 by chance, s^2/2 where there is a partner."""
+    random, total = np.random.default_rng(4), 4000
+    evidence = random.normal(-4.5, 3.0, total // 2)
+    evidence[: round(share * total / 2)] += 9
+    rows = np.arange(total).reshape(-1, 2)
+    found = Hypotheses(rows, evidence + np.log(0.9), *(np.zeros(total // 2, int),) * 2, 0, 0, 0)
+    # 2000 pairs, nearly all of which tell which kind they are: sqrt(0.25 / 2000) = 0.011; 10 points are believed before
+    assert shown_share(found, total, 0.9) == pytest.approx(share, abs=0.04)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_conflicts_are_resolved_by_the_rule(seed):
     random = np.random.default_rng(seed)
@@ -140,7 +152,7 @@ def test_conflicts_are_resolved_by_the_rule(seed):
     order = np.argsort(rows.ravel(), kind="stable")
     begins = np.searchsorted(rows.ravel()[order], np.arange(19))
     alive, ambiguity = np.ones(len(rows), bool), np.full(len(rows), np.nan)
-    resolve(rows, evidence, begins, order // 3, 0.5, alive, ambiguity)
+    resolve(rows, evidence, begins, order // 3, 0.5, 0.0, alive, ambiguity)
     slow = resolve_slowly(rows, evidence, 0.5)
     assert slow
     assert set(np.flatnonzero(np.isfinite(ambiguity))) == set(slow)

@@ -10,6 +10,7 @@ from setups import OPTICS, SETUPS, random_pixels, trace_slowly
 from benchmarks.data import renderer_setup
 from cyclopean import Camera, Prism, Setup
 from cyclopean.errors import OpticError
+from cyclopean.geometry import Rays
 from cyclopean.optics.dimensions import clear_aperture, prism_dimensions
 from cyclopean.optics.footprints import meeting_points
 from cyclopean.optics.solid import prism_solid, seam_directions
@@ -184,8 +185,9 @@ def test_wrong_bodies_are_refused():
             prism_solid(optic, width=10.0)
     with pytest.raises(OpticError, match="positive number of mm"):
         prism_solid(prism(2), width=np.nan)
-    with pytest.raises(OpticError, match="positive number of mm"):
-        prism_solid(prism(3, radius=10.0), tolerance=0.0)
+    for tolerance in (0.0, 1e-12, np.nan):
+        with pytest.raises(OpticError, match="from 1e-05"):
+            prism_solid(prism(3, radius=10.0), tolerance=tolerance)
     with pytest.raises(OpticError, match="do not follow each other"):
         prism_solid(prism(3, radius=10.0, facet_deviation_deg=((0, 0), (0, 130.0), (0, 0))))
     with pytest.raises(OpticError, match="ridge runs into the flat face"):
@@ -223,6 +225,16 @@ def test_clear_aperture_of_the_flat_face_is_the_field_of_the_camera():
     found = clear_aperture(optic, 587.6, border)
     assert found.flat_face == pytest.approx(60.0 * np.hypot(640, 480) / 2400, rel=1e-12)  # similar triangles
     assert found.facets > found.flat_face  # light still diverges in the glass
+
+
+def test_a_picture_that_looks_past_the_facets_needs_more_than_any_face():
+    """The flat face ends where the facet cuts it, 6 mm / tan(20 deg) = 16.5 mm from the axis."""
+    optic = prism(2, 20.0, thickness=6.0)
+    rays = [Camera((1280, 960), 2400).rays(np.array([[639.5 + 2400 * x / 60.0, 479.5]])) for x in (16.0, 17.0)]
+    assert clear_aperture(optic, 587.6, rays[0]).flat_face == pytest.approx(16.0)
+    assert np.isnan(clear_aperture(optic, 587.6, rays[1]).radius)
+    both = Rays(*(np.concatenate([getattr(r, key) for r in rays]) for key in ("origins", "directions")))
+    assert clear_aperture(optic, 587.6, both).radius == np.inf
 
 
 @pytest.mark.parametrize("facing", ["scene", "camera"])

@@ -77,9 +77,8 @@ def test_angles_on_the_sheet_are_true():
     upper = section[section[:, 1] > section[:, 1].max() - 1e-3]
     facet = upper[np.argmax(upper[:, 0])] - apex
     assert angle_between(facet, np.array([0.0, 1.0])) == pytest.approx(12.0, abs=1e-3)  # flat face is upright
-    view = drawing.lines["edge-view"][:-1]  # its last corner is its first
-    peak = np.argmax(view[:, 1])
-    sides = view[[peak - 1, (peak + 1) % len(view)]] - view[peak]
+    left, peak, right = drawing.lines["edge-view"]
+    sides = left - peak, right - peak
     expected = np.degrees(prism_dimensions(TRIPRISM.optic).dihedral_angles[0])
     assert angle_between(*sides) == pytest.approx(expected, abs=2e-3)
     directions = [np.arctan2(*(line[-1] - line[0])[::-1]) for line in (drawing.lines[f"edge-{k}"] for k in range(3))]
@@ -134,6 +133,48 @@ def test_lengths_have_the_decimals_that_their_tolerance_asks_for():
         "7.026",
         "7.0265",
     ]
+
+
+def test_an_outline_that_follows_from_the_facets_has_no_tolerance():
+    """Thickness t and angle a end a facet at t / tan(a): with a tolerance of its own it would be stated twice."""
+    texts = drawn(Setup(CAMERA, Prism(2, 10.0, "N-BK7", 60.0, thickness=6.0))).texts
+    assert f"({2 * 6.0 / np.tan(np.deg2rad(10.0)):.2f})" in texts
+    assert not any("+0 / -" in text for text in texts)
+    (advice,) = [text for text in texts if "radius_mm" in text]
+    radius = float(re.search(r"radius_mm; ([\d.]+)", advice).group(1))
+    rim = float(re.search(r"rim of ([\d.]+)", advice).group(1))
+    assert rim == pytest.approx(6.0 - radius * np.tan(np.deg2rad(10.0)), abs=0.05)  # a tenth is written
+
+
+def test_a_long_cut_is_broken_off():
+    """At 2:1 the 52 mm of glass do not fit the column: both ends lie on the glass, at the angle of the facets."""
+    left, peak, right = drawn(TRIPRISM, Page(sheet="A3", scale=2.0)).lines["edge-view"]
+    assert right[0] - left[0] < 88.0 < 2.0 * 45.0
+    sides = angle_between(left - peak, right - peak)
+    assert sides == pytest.approx(np.degrees(prism_dimensions(TRIPRISM.optic).dihedral_angles[0]), abs=2e-3)
+    whole, broken = (drawn(TRIPRISM, Page(sheet="A3", scale=s)).texts for s in (1.0, 2.0))
+    assert any(text.startswith("detail, 2:1") for text in broken)
+    assert not any(text.startswith("detail") for text in whole)
+
+
+def test_the_azimuth_of_a_calibrated_facet_is_its_own():
+    deviation = ((0.0, 0.25), (0.0, 0.0), (0.0, 0.0))
+    optic = Prism(3, 12.0, "N-BK7", 60.0, thickness=7.5, radius=26.0, azimuth_deg=30.0, facet_deviation_deg=deviation)
+    assert any("F0 at 30.25°" in text for text in drawn(Setup(CAMERA, optic)).texts)
+
+
+def test_a_prism_too_small_for_the_picture_says_so(monkeypatch, capsys, tmp_path):
+    small = Setup(CAMERA, Prism(3, 12.0, "N-BK7", 100.0, thickness=7.5, radius=26.0))  # the picture wants 33 mm
+    assert drawn(small).texts.count("plane, whole face") == 2
+    thin = Setup(CAMERA, Prism(12, 12.0, "N-SF11", 199.0, thickness=8.3, radius=30.0))
+    assert drawn(thin).texts.count("plane, whole face") == 2
+    for setup, word in ((small, "cuts its corners"), (thin, "looks past the facets")):
+        write_setup(setup, tmp_path / "setup.toml")
+        status, out, _ = run(monkeypatch, capsys, "drawing", tmp_path / "setup.toml", "-o", tmp_path / "a.svg")
+        assert status == 0
+        assert "flat face: whole face" in out
+        assert word in " ".join(out.split())
+        assert "nan" not in out
 
 
 def test_a_prism_beside_the_picture_says_so():
@@ -213,7 +254,7 @@ def test_plates_and_mirrors_have_their_sheets():
     plate = drawn(Setup(CAMERA, Plate("N-BK7", 60.0, 8.0, radius=25.0)), Page(sheet="A4", scale=1.0))
     np.testing.assert_allclose(plate.extent("outline"), 50.0, atol=1e-3)
     np.testing.assert_allclose(plate.extent("section"), (8.0, 50.0), atol=1e-3)
-    assert "parallel to 1 within 1'" in plate.texts
+    assert "parallel to S1 within 1'" in plate.texts
     mirrors = drawn(Setup(Camera((1280, 960), 1500), FOLDED), Page(sheet="A3", scale=0.5))
     for k, mirror in enumerate(FOLDED.mirrors):
         u, v, normal = mirror.axes()
@@ -274,7 +315,7 @@ def test_wrong_pages_are_refused():
     for wrong in ({"sheet": "A9"}, {"scale": np.nan}, {"density": 0.0}):
         with pytest.raises(SetupError):
             Page(**wrong)
-    for wrong in ({"angle_arcmin": 0.0}, {"chamfer": -1.0}, {"flatness_waves": np.inf}):
+    for wrong in ({"angle_arcmin": 0.0}, {"chamfer": -1.0}, {"flatness_waves": np.inf}, {"scratch_dig": "40"}):
         with pytest.raises(SetupError):
             Tolerances(**wrong)
     with pytest.raises(OpticError, match="width"):
@@ -323,13 +364,18 @@ def test_the_commands_refuse_what_cannot_be(monkeypatch, capsys, tmp_path, setup
         (["drawing", mirrors, "-o", tmp_path / "a.stl"], "only a prism"),
         (["drawing", setup_file, "--scale", "big"], "2:1"),
         (["drawing", setup_file, "--scale", "50:1"], "does not fit"),
-        (["drawing", setup_file, "--angle-tolerance", "nan"], "positive"),
+        (["drawing", setup_file, "--angle-tolerance", "nan"], "--angle-tolerance must be a positive"),
+        (["drawing", setup_file, "--index-tolerance", "0"], "--index-tolerance must be a positive"),
+        (["drawing", setup_file, "--scratch-dig", "foo"], "such as 40-20"),
+        (["drawing", setup_file, "--chamfer", "100"], "does not fit the thinnest place of the rim"),
         (["drawing", setup_file, "--width", "30", "-o", tmp_path / "a.stl"], "width along the ridge"),
-        (["drawing", setup_file, "--mesh-tolerance", "-1", "-o", tmp_path / "a.stl"], "positive"),
+        (["drawing", setup_file, "--mesh-tolerance", "1e-12", "-o", tmp_path / "a.stl"], "--mesh-tolerance wants"),
         (["rays", tmp_path / "none.toml"], "no such file"),
         (["rays", setup_file, "--depth", "900..300"], "NEAR < FAR"),
         (["rays", setup_file, "--plane", "up"], "azimuth in degrees"),
-        (["rays", setup_file, "--count", "0"], "one ray"),
+        (["rays", setup_file, "--count", "0"], "1 to 500 rays"),
+        (["rays", setup_file, "--count", "1000000"], "1 to 500 rays"),
+        (["rays", setup_file, "--depth", "40..60"], "inside the optic"),
         (["rays", setup_file, "-o", tmp_path / "a.jpg"], "must end in"),
     ):
         status, _, err = run(monkeypatch, capsys, *words)

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from ..errors import SetupError
-from .app import app
+from .app import Whole, app
 
 OutFile = Annotated[Path, Parameter(name=["--output", "-o"])]
 
@@ -19,8 +19,8 @@ def board(
     *,
     output: OutFile,
     kind: Literal["charuco", "chessboard", "circles", "asymmetric_circles", "apriltags"] | None = None,
-    columns: int | None = None,
-    rows: int | None = None,
+    columns: Whole | None = None,
+    rows: Whole | None = None,
     square: float | None = None,
     marker: float | None = None,
     dictionary: str | None = None,

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .app import app, parse_depths
+from .app import Whole, app, parse_depths
 
 BoardFile = Annotated[Path, Parameter(name=["--board", "-b"])]
 OptionalSetup = Annotated[Path | None, Parameter(name=["--setup", "-s"])]
@@ -31,7 +31,7 @@ def calibrate(
     free: Names = (),
     hold: Names = (),
     tolerance: Names = (),
-    facets: int | None = None,
+    facets: Whole | None = None,
     glass: str | None = None,
     camera: Path | None = None,
     depth: str | None = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from .app import OutFolder, SetupFile, app
+from .app import OutFolder, SetupFile, Whole, app
 from .calibration import BoardFile, Several
 
 
@@ -22,7 +22,7 @@ def compare_calibrations(
     test_board: Path | None = None,
     test_depths: str | None = None,
     field_point: str | None = None,
-    folds: int | None = None,
+    folds: Whole | None = None,
     channel: Literal["all", "red", "green", "blue"] = "all",
 ) -> None:
     """Calibrate by every route and judge them all by photographs that none has seen.

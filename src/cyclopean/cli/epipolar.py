@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from .app import OutFolder, SetupFile, app, parse_depths
+from .app import OutFolder, SetupFile, Whole, app, parse_depths
 
 Pixels = Annotated[tuple[str, ...], Parameter(name=["--pixel", "-p"], negative="", show_default=False)]
 
@@ -18,11 +18,11 @@ def epipolar(
     *,
     setup: SetupFile,
     pixel: Pixels = (),
-    view: int | None = None,
+    view: Whole | None = None,
     depth: str | None = None,
     noise_px: float = 0.1,
     calibration: Path | None = None,
-    output: OutFolder = Path("out"),
+    output: OutFolder = Path("epipolar"),
 ) -> None:
     """Draw the true epipolar curves of pixels in the other sub-images, with their band of uncertainty.
 
@@ -37,8 +37,8 @@ def epipolar(
     setup
         Setup file (TOML).
     pixel
-        A pixel X,Y of the photograph, for example 400,300; give --pixel several times for several. Without it, one
-        of each sub-image that the others see well.
+        A pixel X,Y of the photograph, for example 400,300; one that begins with a minus as --pixel=-0.3,300. Give
+        --pixel several times for several. Without it, one of each sub-image that the others see well.
     view
         The view that the pixels must lie in; without it, each lies in the one that it is found in.
     depth

@@ -9,7 +9,7 @@ import cyclopts
 from cyclopts import Parameter
 
 from ..jobs.experiment_request import Options
-from .app import OutFolder, app
+from .app import OutFolder, Whole, app
 
 experiment = cyclopts.App(
     name="experiment",
@@ -48,7 +48,7 @@ def trinocular(*, options: Chosen = _USUAL, output: OutFolder = Path("experiment
 
 @experiment.command
 def multiocular(
-    *, facets: float | None = None, options: Chosen = _USUAL, output: OutFolder = Path("experiment")
+    *, facets: Whole | None = None, options: Chosen = _USUAL, output: OutFolder = Path("experiment")
 ) -> None:
     """Many views by a prism of n facets: the thesis's table 6.1.
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .app import OutFolder, SetupFile, app, parse_depths
+from .app import OutFolder, SetupFile, Whole, app, parse_depths
 
 Points = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
 
@@ -25,7 +25,7 @@ def measure(
     area: Points = (),
     angle: Points = (),
     depth: str | None = None,
-    window: int = 21,
+    window: Whole = 21,
     pointing: float = 0.3,
     channel: Literal["all", "red", "green", "blue"] = "all",
     calibration: Path | None = None,
@@ -36,7 +36,8 @@ def measure(
     The points are found in the other sub-images by themselves. Every value comes with an accuracy index (one standard
     deviation) and a word: good, check or refused, with the reason. Points are pixels of the whole photograph, as in
     --length "512,300 640,310"; all these options can be given several times. A point that is matched wrongly is put
-    right with its pixel in another sub-image: "512,300=980,312". Without any measurement a window opens to click in.
+    right with its pixel in another sub-image: "512,300=980,312". Behind an option, a number below zero wants an equals
+    sign: --point="-5,3". Without any measurement a window opens to click in.
     Writes measurements.json, measurements.csv, measurements.png and report.html.
 
     Parameters

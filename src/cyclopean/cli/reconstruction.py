@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from .app import OutFolder, SetupFile, app, parse_depths
+from .app import OutFolder, SetupFile, Whole, app, parse_depths
 
 
 @app.command
@@ -17,7 +17,7 @@ def reconstruct(
     depth: str | None = None,
     step: float = 0.5,
     memory: float = 1024,
-    threads: int | None = None,
+    threads: Whole | None = None,
     channel: Literal["all", "red", "green", "blue"] = "all",
 ) -> None:
     """Turn one photograph into a measured point cloud.
@@ -51,7 +51,7 @@ def reconstruct(
 
 
 @app.command
-def demo(*, output: OutFolder = Path("out/demo"), threads: int | None = None) -> None:
+def demo(*, output: OutFolder = Path("out/demo"), threads: Whole | None = None) -> None:
     """Reconstruct the photograph that comes with the package.
 
     Parameters

@@ -7,13 +7,13 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from .app import OutFolder, app
+from .app import OutFolder, Whole, app
 
 
 @app.command
 def regions(
     *photos: Path,
-    views: int | None = None,
+    views: Whole | None = None,
     setup: Annotated[Path | None, Parameter(name=["--setup", "-s"])] = None,
     output: OutFolder = Path("out"),
 ) -> None:

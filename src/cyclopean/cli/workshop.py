@@ -7,9 +7,12 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .app import app, parse_depths
+from .app import Whole, app, parse_depths
 
-OutFiles = Annotated[tuple[Path, ...], Parameter(name=["--output", "-o"], negative=())]
+OutFiles = Annotated[
+    tuple[Path, ...],
+    Parameter(name=["--output", "-o"], negative=(), show_default=lambda files: " ".join(map(str, files))),
+]
 OutFile = Annotated[Path, Parameter(name=["--output", "-o"])]
 
 
@@ -17,7 +20,7 @@ OutFile = Annotated[Path, Parameter(name=["--output", "-o"])]
 def drawing(
     setup: Path,
     *,
-    output: OutFiles = (Path("out"),),
+    output: OutFiles = (Path("drawing"),),
     name: str = "",
     sheet: Literal["A4", "A3"] | None = None,
     scale: str | None = None,
@@ -35,6 +38,7 @@ def drawing(
     chamfer: float = 0.3,
     sharpness: float = 0.05,
     coating: str | None = None,
+    index_tolerance: float = 0.0005,
     mesh_tolerance: float = 0.005,
 ) -> None:
     """Write the workshop drawing of a setup's prism, plate or mirrors in true scale, and the prism as a solid.
@@ -74,25 +78,45 @@ def drawing(
     flatness
         Of each polished face within its clear aperture, in waves of 546.07 nm, peak to valley.
     scratch_dig
-        Surface quality to MIL-PRF-13830B.
+        Surface quality to MIL-PRF-13830B, two numbers such as 40-20.
     chamfer
-        Of the rim, mm.
+        Of the rim, mm; less than the rim is thick.
     sharpness
         Largest chips at the edges between facets, mm.
     coating
         Text for the coating, "none" for none; against reflections at the setup's wavelength where left out.
+    index_tolerance
+        Of the material's index.
     mesh_tolerance
-        How far the polygon that stands for a round outline may lie inside it in the solid, mm.
+        How far the polygon that stands for a round outline may lie inside it in the solid, mm; 1e-5 at least.
     """
     from ..jobs.workshop import DrawingRequest, write_drawings
     from ..plotting.workshop import Page, Tolerances
 
+    positive = {
+        "--angle-tolerance": angle_tolerance, "--azimuth-tolerance": azimuth_tolerance,
+        "--thickness-tolerance": thickness_tolerance, "--diameter-tolerance": diameter_tolerance,
+        "--centring": centring, "--flatness": flatness, "--index-tolerance": index_tolerance,
+    }  # fmt: skip
+    _check_options(positive, {"--chamfer": chamfer, "--sharpness": sharpness})
     tolerances = Tolerances(
         angle_tolerance, azimuth_tolerance, thickness_tolerance, diameter_tolerance, centring, flatness, scratch_dig,
-        chamfer, sharpness, coating,
+        chamfer, sharpness, coating, index_tolerance,
     )  # fmt: skip
     page = Page(name, sheet, None if scale is None else parse_scale(scale), author, date, density)
     write_drawings(DrawingRequest(setup, output, page, tolerances, width, mesh_tolerance))
+
+
+def _check_options(positive: dict[str, float], from_zero: dict[str, float]) -> None:
+    """Numbers that a drawing can state, named as they were typed."""
+    from ..errors import SetupError
+
+    for option, value in positive.items():
+        if not 0 < value < float("inf"):
+            raise SetupError(f"{option} must be a positive number, got {value:g}")
+    for option, value in from_zero.items():
+        if not 0 <= value < float("inf"):
+            raise SetupError(f"{option} must be a number of mm, 0 or more, got {value:g}")
 
 
 def parse_scale(text: str) -> float:
@@ -113,11 +137,11 @@ def parse_scale(text: str) -> float:
 def rays(
     setup: Path,
     *,
-    output: OutFile = Path("out"),
+    output: OutFile = Path("rays"),
     figure: Literal["section", "map", "cameras"] = "section",
     depth: str | None = None,
     plane: str = "facet",
-    count: int = 5,
+    count: Whole = 5,
     boundary: Literal["edge", "middle"] = "edge",
 ) -> None:
     """Draw the light's way through the optic, the virtual cameras, and the common field of view.
@@ -137,7 +161,7 @@ def rays(
         Plane of the section: "facet", that of facet 0 or of the first mirror; "xz", "yz", or an azimuth in degrees
         from image right towards image down.
     count
-        Rays of each view in the section.
+        Rays of each view in the section, 1 to 500.
     boundary
         Which boundary ray makes the virtual cameras of "cameras": to the farthest corner of the sub-image, or through
         its middle.

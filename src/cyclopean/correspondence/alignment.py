@@ -18,6 +18,8 @@ from .points import GATE
 REFINED_SIGMA = 0.1
 """Standard deviation of a coordinate of aligned pixels, px: what the window leaves, and a good calibration."""
 
+_MIDDLE = 0.4  # px that the middle of a window may lie elsewhere, where noise does not move it more
+_NOISE = 3.0  # or times as far as the middles of half the windows do
 _ROLL = np.deg2rad(10)  # views turned by more against each other are not laid over each other
 
 
@@ -33,7 +35,8 @@ def align(
     """Move the pixels of matches so that all views show the same surroundings there.
 
     The pixel of the first view that shows a point stays. In every other view a window is shifted until it looks like
-    that of the first (Lucas and Kanade 1981), mirrored views in their mirror picture.
+    that of the first (Lucas and Kanade 1981), mirrored views in their mirror picture. Where depth jumps inside the
+    window, its middle alone, two thirds as wide, shifts elsewhere: such matches are left out.
 
     Parameters
     ----------
@@ -48,7 +51,8 @@ def align(
     window : int
         Side of the window, px, odd.
     farthest : float
-        px; a match with a pixel that would move further, or that finds no minimum, is left out.
+        px; a match with a pixel that would move further, or that finds no minimum, is left out; so is one whose middle
+        of the window moves by more than 0.4 px from where the whole window lies, and 3 times as far as that of others.
 
     Returns
     -------
@@ -71,7 +75,10 @@ def align(
                 flips = turns[a][0], turns[b][0]
                 pixels[rows, b], known = _shift(picture, pixels[rows, a], pixels[rows, b], flips, window)
                 moved = np.linalg.norm(pixels[rows, b] - matches.pixels[rows, b], axis=1)
-                good[rows] &= known & (moved <= farthest)
+                middle, _ = _shift(picture, pixels[rows, a], pixels[rows, b], flips, window * 2 // 3 | 1)
+                alone = np.linalg.norm(middle - pixels[rows, b], axis=1)
+                steady = alone <= max(_MIDDLE, _NOISE * np.median(alone))
+                good[rows] &= known & (moved <= farthest) & steady
     solved = triangulate(rig, pixels, sigma)
     good &= np.isfinite(solved.residual) & (solved.residual <= np.maximum(GATE * sigma, matches.residual))
     return replace(

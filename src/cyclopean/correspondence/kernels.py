@@ -17,6 +17,8 @@ from numba import njit
 CELL = 16.0  # px, side of a cell in which points are looked up
 WIDEST = 4.0  # times the noise that a pixel may be off: the widest band around a curve, where its own noise is large
 UNLIKE = 0.1  # points that look less alike than this share of unrelated ones cannot be the same
+LEAST = 1e-3  # shares of unrelated points below this are not told apart
+CHARGE = 1 + math.log(UNLIKE / LEAST)  # what the choice of a small share costs, see `chance_of`
 OPTIONS = {"cache": True, "error_model": "numpy", "nogil": True}
 
 
@@ -194,16 +196,22 @@ def unlikeness(all_points, first, second, pairs, out):
 
 @njit(**OPTIONS)
 def rank_share(background, value):
-    """Share of the sorted background that does not exceed a value, at least 1 in 1000."""
-    return max((np.searchsorted(background, value, side="right") + 1.0) / (len(background) + 1.0), 1e-3)
+    """Share of the sorted background that does not exceed a value, at least `LEAST`."""
+    return max((np.searchsorted(background, value, side="right") + 1.0) / (len(background) + 1.0), LEAST)
 
 
 @njit(**OPTIONS)
 def chance_of(all_points, a, b):
-    """Share of unrelated points that look as much alike as points a and b; 1 without descriptors."""
+    """How much likelier unrelated points look as much alike as a and b than equal ones do; 1 without descriptors.
+
+    Of unrelated points a share s looks as much alike or more. That of equal ones is small, with a density like 1 / s
+    from `LEAST` to `UNLIKE`, and its integral is `CHARGE` (Sellke, Bayarri and Berger 2001 on p-values as likelihoods).
+    """
     if not len(all_points.background):
         return 1.0
-    return rank_share(all_points.background, squared_distance(all_points.descriptors[a], all_points.descriptors[b]))
+    return CHARGE * rank_share(
+        all_points.background, squared_distance(all_points.descriptors[a], all_points.descriptors[b])
+    )
 
 
 @njit(**OPTIONS)
@@ -229,7 +237,7 @@ def find_near(all_points, view, first_point, prediction, noise):
                     continue
                 chance = chance_of(all_points, first_point, point)
                 score = -0.5 * distance - math.log(chance)
-                if score > best and (chance <= UNLIKE or not len(all_points.background)):
+                if score > best and (chance <= CHARGE * UNLIKE or not len(all_points.background)):
                     best, chosen, share = score, point, chance
     return chosen, share
 

@@ -33,7 +33,7 @@ def match_target(
     Returns
     -------
     Matches
-        `label` names the board's points. Nothing else can be meant by them: their ambiguity is 0.
+        `label` names the board's points. They have no rivals: their ambiguity is 0.
     list of str
         A sentence for each view that is not as it should be.
 
@@ -64,7 +64,7 @@ def match_pointed(
     pixels: ArrayLike,
     depths: tuple[float, float],
     *,
-    pointing: float = 0.0,
+    pointing: float = 0.1,
 ) -> tuple[Matches, list[str]]:
     """Points that a person gives in one sub-image, found in the others by the windows around them (`locate`).
 
@@ -85,8 +85,8 @@ def match_pointed(
     Returns
     -------
     Matches
-        `label` is the row of the given pixel; the ambiguity is the correlation of the next best place over that of
-        the match.
+        `label` is the row of the given pixel, `next_best` the correlation of the next best place over that of the
+        match.
     list of str
         A sentence for each point that was refused.
     """
@@ -107,7 +107,7 @@ def match_pointed(
     counts = Counts(np.array([len(one) for one in detected]), 0, 0, 0, 0, len(rows), len(notes))
     return Matches(
         at, found.points[rows], found.covariance[rows], found.residual[rows], seen.sum(1),
-        expected_views(rig, found.points[rows]), found.ambiguity[rows, view], source, rows,
+        expected_views(rig, found.points[rows]), np.full(len(rows), np.nan), found.ambiguity[rows, view], source, rows,
         np.zeros((0, len(rig)), int), detected, counts,
     ), notes  # fmt: skip
 
@@ -119,8 +119,8 @@ def named_matches(rig, pixels, source, detected, label, ambiguity, sigma) -> Mat
     counts = Counts(np.array([len(one) for one in detected]), 0, 0, 0, 0, int(good.sum()), 0)
     return Matches(
         pixels[good], solved.points[good], solved.covariance[good], solved.residual[good], solved.views[good],
-        expected_views(rig, solved.points[good]), ambiguity[good], source[good], label[good],
-        np.zeros((0, len(rig)), int), detected, counts,
+        expected_views(rig, solved.points[good]), ambiguity[good], np.full(good.sum(), np.nan), source[good],
+        label[good], np.zeros((0, len(rig)), int), detected, counts,
     )  # fmt: skip
 
 

@@ -30,7 +30,10 @@ class Counts:
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """P points of the scene in V views."""
+    """P points of the scene in V views.
+
+    Ambiguity and next best are different things, and a match has one of them: the other is NaN.
+    """
 
     pixels: np.ndarray  # (P, V, 2) px, NaN where a view does not show the point
     points: np.ndarray  # (P, 3) mm in the rig frame
@@ -38,7 +41,8 @@ class Matches:
     residual: np.ndarray  # (P,) px, root mean square over the coordinates of the pixels
     views: np.ndarray  # (P,) int, how many views show the point
     expected: np.ndarray  # (P,) int, how many views should show it: the point falls on their pixels
-    ambiguity: np.ndarray  # (P,) likelihood of the best rival over the match's own: 0 unique, 1 undecidable
+    ambiguity: np.ndarray  # (P,) likelihood of the best rival over the match's own: 0 without a rival, 1 undecidable
+    next_best: np.ndarray  # (P,) correlation of the next best place over the match's, of points found by a window
     source: np.ndarray  # (P, V) int, rows of the points given for each view; -1 where a view does not show the point
     label: np.ndarray  # (P,) int, the point's name where it has one: row of a target's or of a person's points; else -1
     refused: np.ndarray  # (R, V) int, rows of the matches that were left out as ambiguous; -1 as in source
@@ -52,8 +56,8 @@ class Matches:
         """Some of the matches (a mask or indices); counts and refused ones stay as they are."""
         return Matches(
             self.pixels[rows], self.points[rows], self.covariance[rows], self.residual[rows], self.views[rows],
-            self.expected[rows], self.ambiguity[rows], self.source[rows], self.label[rows], self.refused, self.detected,
-            self.counts,
+            self.expected[rows], self.ambiguity[rows], self.next_best[rows], self.source[rows], self.label[rows],
+            self.refused, self.detected, self.counts,
         )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,9 +14,13 @@ from ..rigs import Rig
 from ..triangulation import triangulate
 from .matches import Counts, Matches, check_views, pixels_of
 
+if TYPE_CHECKING:
+    from .hypotheses import Hypotheses
+
 GATE = 3.5  # standard deviations that a pixel may be off
 _FIRM = 0.1  # a match whose rivals are less likely than this takes its points from the others
 _PASSES = 5
+_BELIEVED = 10  # points that are believed to have a partner as often as stated, before any is seen
 
 
 def match_points(
@@ -82,7 +87,7 @@ def match_points(
     from .hypotheses import gather, trace
 
     check_views(rig, min_views)
-    depths = rig.working_depths if depths is None else depths
+    depths = rig.check_depths(rig.working_depths if depths is None else depths)
     detected = checked_points(rig, points)
     looks, power = _checked_descriptors(descriptors, detected)
     noise = _noise(rig, sigma, detection, max_ambiguity, ratio)
@@ -108,7 +113,9 @@ def _search(all_points, firsts, noise, similar, tell):
     passes, parts = [], []
     for number in range(_PASSES):
         found = find_hypotheses(all_points, firsts, noise, similar)
-        chosen, ambiguity, certain = _choose(found, len(all_points.pixels), number == _PASSES - 1)
+        if not number:
+            chance = -np.log(shown_share(found, len(all_points.pixels), noise.detection) / noise.detection)
+        chosen, ambiguity, certain = _choose(found, len(all_points.pixels), chance, number == _PASSES - 1)
         rows = found.rows[chosen]
         all_points.free[rows[rows >= 0]] = False
         passes.append(found)
@@ -120,10 +127,30 @@ def _search(all_points, firsts, noise, similar, tell):
     return *(np.concatenate(part) for part in zip(*parts, strict=True)), passes[0]
 
 
-def _choose(found, total, last):
+def shown_share(found: Hypotheses, total: int, detection: float) -> float:
+    """Share of `total` points that have a partner, at most `detection`.
+
+    Evidence weighs one set against the chance candidates of its points, as if `detection` of the points had partners.
+    Where the points are unrelated, hardly any have, and the few sets that agree best are the tail of chance. The share
+    that makes all evidence likeliest is found by expectation and maximisation (Dempster, Laird, Rubin 1977).
+    """
+    best = np.full(total, -np.inf)
+    for column in found.rows.T:
+        shown = column >= 0
+        np.maximum.at(best, column[shown], found.evidence[shown])
+    odds = np.exp(np.clip(best, -50, 50)) / detection
+    share = detection
+    for _ in range(100):
+        partner = share * odds / (1 - share + share * odds)
+        share = (_BELIEVED * detection + partner.sum()) / (_BELIEVED + total)
+    return min(share, detection)
+
+
+def _choose(found, total, chance, last):
     """Indices of the accepted hypotheses, their ambiguity, and whether they were taken for certain.
 
-    Certain ones first; when there is none left, or at the last, whatever is left, the best first.
+    `chance` is the evidence of coincidence. Certain ones first; when there is none left, or at the last, whatever is
+    left, the best first.
     """
     from .resolution_kernels import resolve, take_rest
 
@@ -132,9 +159,9 @@ def _choose(found, total, last):
     begins = np.searchsorted(claimed, np.arange(total + 1))
     members = order // max(found.rows.shape[1], 1)
     alive, ambiguity = np.ones(len(found.rows), bool), np.full(len(found.rows), np.nan)
-    certain = resolve(found.rows, found.evidence, begins, members, _FIRM, alive, ambiguity)
+    certain = resolve(found.rows, found.evidence, begins, members, _FIRM, chance, alive, ambiguity)
     if not certain or last:
-        take_rest(found.rows, found.evidence, begins, members, alive, ambiguity)
+        take_rest(found.rows, found.evidence, begins, members, chance, alive, ambiguity)
     chosen = np.flatnonzero(np.isfinite(ambiguity))
     return chosen, ambiguity[chosen], certain
 
@@ -155,8 +182,8 @@ def _finished(rig, depths, noise, source, ambiguity, expected, detected, counts,
     sizes = np.array([len(view) for view in detected])
     return Matches(
         pixels[keep], solved.points[keep], solved.covariance[keep], solved.residual[keep], solved.views[keep],
-        expected[keep], ambiguity[keep], source[keep], np.full(len(keep), -1), refused, detected,
-        Counts(sizes, pairs, in_band, alike, verified, len(keep), len(refused)),
+        expected[keep], ambiguity[keep], np.full(len(keep), np.nan), source[keep], np.full(len(keep), -1), refused,
+        detected, Counts(sizes, pairs, in_band, alike, verified, len(keep), len(refused)),
     )  # fmt: skip
 
 

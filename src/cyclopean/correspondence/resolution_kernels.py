@@ -41,11 +41,12 @@ def rival(rows, evidence, begins, members, alive, h):
 
 
 @njit(**OPTIONS)
-def resolve(rows, evidence, begins, members, firm, alive, ambiguity):
+def resolve(rows, evidence, begins, members, firm, chance, alive, ambiguity):
     """Accept hypotheses that are better than all others at each of their points, and by far than their rivals.
 
     Hypotheses come with the best first. An accepted one takes its points away from the others, which may leave
     another one without rivals; `alive` becomes False for the others. Accepted ones have an ambiguity that is no NaN.
+    `chance` is the evidence of mere coincidence, a rival of all.
     """
     total, taken = 0, 1
     while taken:
@@ -53,7 +54,7 @@ def resolve(rows, evidence, begins, members, firm, alive, ambiguity):
         for h in range(len(rows)):
             if not alive[h] or not math.isnan(ambiguity[h]) or not is_best(rows, begins, members, alive, h):
                 continue
-            other = max(rival(rows, evidence, begins, members, alive, h), 0.0)
+            other = max(rival(rows, evidence, begins, members, alive, h), chance)
             ratio = math.exp(min(other - evidence[h], 0.0))
             if ratio > firm:
                 continue
@@ -86,7 +87,7 @@ def is_best(rows, begins, members, alive, h):
 
 
 @njit(**OPTIONS)
-def take_rest(rows, evidence, begins, members, alive, ambiguity):
+def take_rest(rows, evidence, begins, members, chance, alive, ambiguity):
     """Accept what is left, the best first, so that no point is used twice; rivals are all that were left."""
     used = np.zeros(len(begins) - 1, np.bool_)
     for h in range(len(rows)):
@@ -97,7 +98,7 @@ def take_rest(rows, evidence, begins, members, alive, ambiguity):
             clash |= rows[h, view] >= 0 and used[rows[h, view]]
         if clash:
             continue
-        other = max(rival(rows, evidence, begins, members, alive, h), 0.0)
+        other = max(rival(rows, evidence, begins, members, alive, h), chance)
         ambiguity[h] = math.exp(min(other - evidence[h], 0.0))
         for view in range(rows.shape[1]):
             if rows[h, view] >= 0:

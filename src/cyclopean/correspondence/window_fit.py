@@ -13,13 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .window_search import Picture, Window
+from .window_search import BLUR, Picture, Window
 from .windows_kernels import sample
 
 _REACH = 2.0  # steps of inverse depth between the places that the warp is known at
 _SLOPE = 3.0  # steps, what the inverse depth is expected to change from the middle of a window to its edge
 _BAND = 1.0  # px, how far from its epipolar curve a window may lie
 _BLOCK = 4  # px, of a window: noise within is taken for alike
+_MOST = 2.0  # times by which the few blocks of a small window widen its variance
 _PASSES = 12
 _STILL = 2e-3  # steps or px: a fit that moves less has ended
 _NOISE = 0.1  # least variance of a grey level: that of its rounding, and some
@@ -63,24 +64,22 @@ def fit_plane(
     plane = np.array([start, *(np.zeros(2) if slopes is None else slopes)]) / step  # in steps from here on
     shape = np.column_stack([np.ones(len(window.offsets)), window.offsets])
     stiffness = np.array([0.0, _SLOPE**-2, _SLOPE**-2])
-    sigma, moved = np.inf, np.inf
+    moved = np.inf
     for _ in range(_PASSES):
-        blocks, rows = [], []
+        rows = []
         for v in np.flatnonzero(used):
             warp = _warp(window, int(v), plane * step, step)
-            parts = _equations(picture, window, int(v), warp[0], warp[1] * step)
-            if parts is None:
-                continue
-            slope, miss, weights = parts  # (N, C, 1), (N, C), (N, C)
-            rows.append((slope * shape[:, None, :], miss, weights))
-            blocks.append(_blocks(window))
+            parts = _equations(picture, window, int(v), warp[0], step * warp[1][:, :, None] * shape[:, None, :])
+            if parts is not None:
+                rows.append(parts)
         if not rows:
             return PlaneFit(np.nan, np.full(2, np.nan), np.nan, False)
-        change, covariance = _solve(rows, blocks, stiffness, plane * [0, 1, 1])
+        change = _change(rows, stiffness, plane * [0, 1, 1])
         change *= min(1.0, 1.5 / max(np.abs(change).max(), 1e-12))
-        plane, moved, sigma = plane + change, float(np.abs(change[0])), float(np.sqrt(covariance[0, 0]))
+        plane, moved = plane + change, float(np.abs(change[0]))
         if moved < _STILL:
             break
+    sigma = float(np.sqrt(_covariance(window, rows, stiffness)[0, 0]))
     return PlaneFit(plane[0] * step, plane[1:] * step, sigma * step, bool(np.isfinite(sigma) and moved < 0.05))
 
 
@@ -89,16 +88,19 @@ def fit_shift(picture: Picture, window: Window, v: int, plane: PlaneFit, step: f
     values = np.array([plane.inverse_depth, *plane.slopes])
     places, along = _warp(window, v, values, step)
     middle = node_middle(window)
-    shift, covariance, strength = np.zeros(2), np.full((2, 2), np.nan), np.nan
+    moves = np.broadcast_to(np.eye(2), (len(places), 2, 2))
+    shift, covariance, stiffness = np.zeros(2), np.full((2, 2), np.nan), np.full(2, _BAND**-2)
     for _ in range(_PASSES):
-        parts = _equations(picture, window, v, places + shift, np.eye(2))
+        parts = _equations(picture, window, v, places + shift, moves)
         if parts is None:
             break
-        change, covariance = _solve([parts], [_blocks(window)], np.full(2, _BAND**-2), shift)
+        change = _change([parts], stiffness, shift)
         change *= min(1.0, 0.7 / max(np.abs(change).max(), 1e-12))
         shift = shift + change
         if np.abs(change).max() < _STILL:
             break
+    if parts is not None:
+        covariance = _covariance(window, [parts], stiffness)
     strength = likeness(picture, window, v, places + shift)
     return ShiftFit(middle @ places + shift, shift, covariance, strength, middle @ along)
 
@@ -141,20 +143,27 @@ def _look(picture, window, v, places):
     return values, slopes
 
 
-def _equations(picture, window, v, places, directions):
-    """Slopes (N, C, P), misses (N, C) and weights (N, C) of one view, gain and offset taken out; None: unseen.
+class _Equations(NamedTuple):
+    """Least-squares equations of one view, gain and offset taken out."""
 
-    `directions` (N, 2) or (2, P) is how places move with the unknowns.
-    """
+    slopes: np.ndarray  # (N, C, P) grey levels per unit of the unknowns
+    misses: np.ndarray  # (N, C) grey levels left over
+    weights: np.ndarray  # (N, C)
+    moves: np.ndarray  # (N, 2, P) px per unit of the unknowns
+
+    @property
+    def energy(self) -> np.ndarray:
+        """(C,) mean square of what is left over."""
+        return np.einsum("nc,nc,nc->c", self.weights, self.misses, self.misses) / self.weights.sum(0)
+
+
+def _equations(picture, window, v, places, moves):
+    """Equations of a view at places (N, 2) that move (N, 2, P) with the unknowns; None where it shows too little."""
     values, slopes = _look(picture, window, v, places)
     weights = np.where(np.isfinite(values[:, 0]), window.weights, 0.0)
     if weights.sum() < 0.5 * window.weights.sum():
         return None
-    values, slopes = np.nan_to_num(values), np.nan_to_num(slopes)
-    if directions.shape == (2, 2):
-        slope = slopes @ directions
-    else:
-        slope = np.einsum("ncx,nx->nc", slopes, directions)[..., None]
+    values, slopes = np.nan_to_num(values), np.einsum("ncx,nxp->ncp", np.nan_to_num(slopes), moves)
     own = window.values - weights @ window.values / weights.sum()
     power = np.maximum(weights @ own**2, 1e-9 * weights.sum())
 
@@ -163,30 +172,75 @@ def _equations(picture, window, v, places, directions):
         share = np.einsum("n,nc,nc...->c...", weights, own, a)
         return a - np.einsum("nc,c...->nc...", own, share / power.reshape(-1, *[1] * (a.ndim - 2)))
 
-    return without(slope), -without(values), np.broadcast_to(weights[:, None], values.shape)
+    weights_of_all = np.broadcast_to(weights[:, None], values.shape)
+    return _Equations(without(slopes), -without(values), weights_of_all, moves)
 
 
-def _blocks(window):
-    """Number (N,) of the block that each pixel of a window belongs to."""
-    column, row = np.floor((window.offsets * window.half + window.half) / _BLOCK).astype(int).T
-    return row * (int(2 * window.half) // _BLOCK + 1) + column
+def _normal(rows, stiffness):
+    """Normal matrix (P, P) of the equations, and the variance of a grey level."""
+    normal = sum(np.einsum("nc,nci,ncj->ij", e.weights, e.slopes, e.slopes) for e in rows)
+    noise = max(float(np.mean([e.energy for e in rows])), _NOISE)
+    return normal + np.diag(stiffness) * noise, noise
 
 
-def _solve(rows, blocks, stiffness, held):
-    """One Gauss-Newton step and its covariance; `held` is what the stiffness pulls to zero."""
-    normal = sum(np.einsum("nc,nci,ncj->ij", w, j, j) for j, _, w in rows)
-    right = sum(np.einsum("nc,nci,nc->i", w, j, e) for j, e, w in rows)
-    energy = sum(float((w * e * e).sum()) for _, e, w in rows) / sum(float(w.sum()) for _, _, w in rows)
-    noise = max(float(energy), _NOISE)
-    normal = normal + np.diag(stiffness) * noise
-    right = right - stiffness * noise * held
+def _inverse(normal):
     size = np.sqrt(np.maximum(np.diag(normal), 1e-12))
-    inverse = np.linalg.inv(normal / np.outer(size, size) + 1e-9 * np.eye(len(size))) / np.outer(size, size)
-    pulls = np.zeros((max(b.max() for b in blocks) + 1, len(size)))
-    for (slope, miss, weights), block in zip(rows, blocks, strict=True):
-        np.add.at(pulls, block, np.einsum("nc,nci,nc->ni", weights, slope, miss))
-    count = int(np.count_nonzero(np.abs(pulls).sum(-1)))
-    spread = pulls.T @ pulls * count / max(count - len(size) - 2, 1)
-    spread = spread + _NOISE * sum(np.einsum("nc,nci,ncj->ij", w * w, j, j) for j, _, w in rows)
+    return np.linalg.inv(normal / np.outer(size, size) + 1e-9 * np.eye(len(size))) / np.outer(size, size)
+
+
+def _change(rows, stiffness, held):
+    """One Gauss-Newton step; `held` is what the stiffness pulls to zero."""
+    normal, noise = _normal(rows, stiffness)
+    right = sum(np.einsum("nc,nci,nc->i", e.weights, e.slopes, e.misses) for e in rows)
+    return _inverse(normal) @ (right - stiffness * noise * held)
+
+
+def _covariance(window, rows, stiffness):
+    """Covariance (P, P) of the unknowns: slopes that are only noise tell nothing, so their share is taken out.
+
+    Smoothed noise of variance s has slopes of variance s / (2 blur^2); half of what is left over is the view's own.
+    """
+    normal, noise = _normal(rows, stiffness)
+    idle = sum(np.einsum("nc,c,nxi,nxj->ij", e.weights, e.energy, e.moves, e.moves) for e in rows)
+    normal = _larger(normal / 4, normal - idle / (4 * BLUR**2))
+    inverse = _inverse(normal)
+    spread = _larger(_block_spread(window, rows), _noise_spread(window, rows))
+    spread = spread + _NOISE * sum(np.einsum("nc,nci,ncj->ij", e.weights**2, e.slopes, e.slopes) for e in rows)
     spread = spread + np.diag(stiffness) * noise**2  # what the stiffness knows no better
-    return inverse @ right, inverse @ spread @ inverse
+    return inverse @ spread @ inverse
+
+
+def _block_spread(window, rows):
+    """Covariance (P, P) of the right side, from what is left over in blocks of the window, whatever its cause."""
+    column, row = np.floor((window.offsets + 1) * window.half / _BLOCK).astype(int).T
+    block = row * (int(2 * window.half) // _BLOCK + 1) + column
+    pulls, shares = np.zeros((block.max() + 1, rows[0].slopes.shape[2])), np.zeros(block.max() + 1)
+    for e in rows:
+        np.add.at(pulls, block, np.einsum("nc,nci,nc->ni", e.weights, e.slopes, e.misses))
+        np.add.at(shares, block, e.weights[:, 0])
+    count = shares.sum() ** 2 / (shares**2).sum()  # as many blocks of equal weight tell as much
+    unknown = pulls.shape[1] + 2  # gain and offset too
+    return pulls.T @ pulls * count / max(count - unknown, count / _MOST)
+
+
+def _noise_spread(window, rows):
+    """Covariance (P, P) of the right side, from noise that is alike only as far as the pictures are smoothed.
+
+    Half of what is left over belongs to the window itself, and is the same in all views. Few blocks may miss noise by
+    luck; this does not.
+    """
+    line = window.half * np.unique(window.offsets[:, 0])
+    alike = np.exp(-(((line[:, None] - line) / (2 * BLUR)) ** 2))
+    pulls = [e.weights[..., None] * e.slopes * np.sqrt(e.energy)[:, None] for e in rows]
+    spread = 0.0
+    for pull in (*pulls, sum(pulls)):
+        field = pull.reshape(len(line), len(line), -1)
+        near = np.tensordot(alike, np.tensordot(alike, field, (1, 1)), (1, 1)).reshape(pull.shape)
+        spread = spread + np.einsum("nci,ncj->ij", pull, near) / 2
+    return spread
+
+
+def _larger(a, b):
+    """The covariance that is at least as large as both (P, P) in every direction."""
+    values, vectors = np.linalg.eigh(b - a)
+    return a + (vectors * np.maximum(values, 0.0)) @ vectors.T

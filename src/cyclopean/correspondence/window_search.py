@@ -13,6 +13,7 @@ from ..errors import ImageError
 from ..geometry import Rays, launch, white_level
 from ..rigs import Rig, ViewLike
 
+BLUR = 0.8  # px, standard deviation of what pictures are smoothed with: noise has slopes, which fits would trust
 _STEP = 0.5  # px, largest movement between two hypotheses
 _MOST_STEPS = 6000  # hypotheses: more is a depth range without sense
 _COARSE = 33  # depths at which the length of the curves is measured
@@ -24,7 +25,7 @@ _LEAST_APART = 4  # hypotheses between two peaks
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A photograph made ready for windows: smooth between its pixels."""
+    """A photograph made ready for windows: a little smoothed, and smooth between its pixels."""
 
     spline: np.ndarray  # (H, W, C) float32, cubic B-spline coefficients, grey levels of 0 to 255
     clear: np.ndarray  # (H, W) bool, not saturated and a number
@@ -65,8 +66,23 @@ def prepare(photograph: np.ndarray, rig: Rig) -> Picture:
     known = np.isfinite(planes).all(-1)
     clear = known & (planes < white).all(-1) if np.issubdtype(image.dtype, np.integer) else known
     levels = np.where(known[..., None], planes, 0).astype(np.float32) * np.float32(255 / white)
+    levels = _smoothed(levels, clear, rig.masks)
     spline = np.stack([spline_filter(levels[..., c], order=3, output=np.float32) for c in range(levels.shape[2])], -1)
     return Picture(np.ascontiguousarray(spline), clear, rig.masks)
+
+
+def _smoothed(levels, clear, masks):
+    """Grey levels (H, W, C) smoothed within each view, so that nothing comes over a seam or from white pixels."""
+    from scipy.ndimage import gaussian_filter
+
+    smooth = levels.copy()
+    for mask in masks:
+        weights = (mask & clear).astype(np.float32)
+        total = gaussian_filter(weights, BLUR)
+        known = mask & (total > 1e-3)
+        for c in range(levels.shape[2]):
+            smooth[known, c] = gaussian_filter(levels[..., c] * weights, BLUR)[known] / total[known]
+    return smooth
 
 
 @dataclass(frozen=True, eq=False)

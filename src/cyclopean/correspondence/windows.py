@@ -237,14 +237,14 @@ def _columns(rig, window, curve, matches):
             ambiguity[k] = np.nanmax(rest, initial=0.0) / best.strengths[v]
     rival = matches[1].score if len(matches) > 1 else 0.0
     rival = max(rival, np.nanmax(curve.joint[outside], initial=0.0))
-    ambiguity[window.view] = rival / max(best.score, 1e-6)
+    ambiguity[window.view] = rival / best.score if best.score > 0 else np.nan
     return strength, ambiguity
 
 
 def _unfit_match(curve, matches, ambiguity, limits, colour):
     best = matches[0]
     if not best.used.any():
-        return f"poor correlation: {np.nanmax(best.strengths):.2f} at best"
+        return _unused(best, limits)
     if best.strength < limits.strength:
         hint = "; in white light take one channel" if colour else ""
         return f"poor correlation: {best.strength:.2f}, wanted {limits.strength:g}{hint}"
@@ -260,6 +260,15 @@ def _unfit_match(curve, matches, ambiguity, limits, colour):
     if best.residual > limits.residual:
         return f"{best.residual:.2f} px beside the epipolar curves: is this the setup of the photograph?"
     return ""
+
+
+def _unused(best, limits):
+    """Why no view of a match counts."""
+    strength = np.nanmax(best.strengths, initial=-1.0)
+    if strength < limits.strength:
+        return f"poor correlation: {max(strength, 0.0):.2f} at best, wanted {limits.strength:g}"
+    beside = max(np.abs(s.shift).max() for s, k in zip(best.shifts, best.strengths, strict=True) if k == strength)
+    return f"what looks alike lies {beside:.1f} px beside the epipolar curve: is this the setup of the photograph?"
 
 
 def _unfit_surroundings(picture, rig, window, curve, best, middle, limits):

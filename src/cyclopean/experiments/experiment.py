@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..calibration.depths import rms
 from ..calibration.physical import Calibration
 from ..calibration.routes import FIELD_POINT, PHYSICAL, ROUTES, Evidence, FieldPoint, nearest_to_axis
 from ..errors import CyclopeanError, SetupError
@@ -134,7 +135,7 @@ class Experiment:
         if not found.size:
             return Row(one.approach, float(depth), 0, *[np.nan] * 5)
         error = 100 * (found / depth - 1)
-        figures = found.mean(), found.std(), error.mean(), _rms(error), np.abs(error).max()
+        figures = found.mean(), found.std(), error.mean(), rms(error), np.abs(error).max()
         return Row(one.approach, float(depth), found.size, *map(float, figures))
 
     def _summary(self, one):
@@ -142,9 +143,9 @@ class Experiment:
         error = error[np.isfinite(error)]
         if not error.size:
             return Summary(one.approach, *[np.nan] * 5)
-        residual = _rms(one.residual[np.isfinite(one.residual)])
+        residual = rms(one.residual)
         largest, mean = float(np.abs(error).max()), float(error.mean())
-        return Summary(one.approach, _rms(error), largest, mean, residual, one.seconds)
+        return Summary(one.approach, rms(error), largest, mean, residual, one.seconds)
 
 
 def perform(
@@ -256,7 +257,3 @@ def _field_point(material):
         except SetupError as reason:
             fault = fault or reason
     raise fault or SetupError("there is no photograph of the target to take a field point from")
-
-
-def _rms(values):
-    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else np.nan

@@ -27,7 +27,11 @@ _ITERATIONS = 20
 
 @dataclass(frozen=True)
 class DrawingError:
-    """By how much the drawing of a setup departs from what stands on the bench."""
+    """By how much the drawing of a setup departs from what stands on the bench.
+
+    The focal length is where the camera's calibration starts. With photographs without the optic no approach keeps it;
+    without them (`Material.camera` is None) sketches do.
+    """
 
     apex_deg: float = 0.05  # degrees, of the facets' angle
     distance: float = 1.0  # mm, of the prism from the pinhole
@@ -36,7 +40,8 @@ class DrawingError:
 
     def __post_init__(self):
         if not np.isfinite([self.apex_deg, self.distance, self.tilt_deg, self.focal_percent]).all():
-            raise SetupError(f"the errors of a drawing must be numbers, got {self}")
+            wrong = ", ".join(f"{name}={value:g}" for name, value in vars(self).items() if not np.isfinite(value))
+            raise SetupError(f"the errors of a drawing must be numbers, got {wrong}")
 
     def drawn(self, setup: Setup) -> Setup:
         """The setup as its drawing has it, when `setup` is what stands on the bench."""
@@ -111,6 +116,8 @@ def standard_setup(
     apex = apex if apex_deg is None else float(apex_deg)
     wanted = usual if baseline is None else float(baseline)
     turn = azimuth if azimuth_deg is None else float(azimuth_deg)
+    if not 0 < apex < 90:
+        raise SetupError(f"the facets' angle must lie between 0 and 90 degrees, got {apex:g}")
     if not 0 < wanted < np.inf:
         raise SetupError(f"the baseline must be a positive number of mm, got {wanted}")
 

@@ -7,7 +7,8 @@ view,x,y
 
 Matches: one row for each. x, y, z and their standard deviations are mm in the camera's frame, residual is px, views
 tells how many views show the point and expected how many should; u0 and v0 are the pixel in view 0, empty where that
-view does not show the point. A column point follows where points have names.
+view does not show the point. Points that were given in one view have a column next_best instead of their ambiguity: the
+correlation of the next best place over that of the match. A column point follows where points have names.
 """
 
 from __future__ import annotations
@@ -75,7 +76,8 @@ def write_matches(path: PathLike, matches: Matches) -> None:
     """Write matches as CSV: pixels to 0.001 px, lengths to 0.0001 mm; an unknown number is an empty cell."""
     named = bool((matches.label >= 0).any())
     views = matches.pixels.shape[1]
-    names = ["x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "residual", "views", "expected", "ambiguity"]
+    doubt = "next_best" if np.isfinite(matches.next_best).any() else "ambiguity"
+    names = ["x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "residual", "views", "expected", doubt]
     names += [name for k in range(views) for name in (f"u{k}", f"v{k}")] + ["point"] * named
     sigma = np.sqrt(np.maximum(np.diagonal(matches.covariance, axis1=1, axis2=2), 0))
     text = io.StringIO(newline="")
@@ -83,7 +85,7 @@ def write_matches(path: PathLike, matches: Matches) -> None:
     writer.writerow(names)
     for k in range(len(matches)):
         row = [_number(value, 4) for value in (*matches.points[k], *sigma[k], matches.residual[k])]
-        row += [str(matches.views[k]), str(matches.expected[k]), f"{matches.ambiguity[k]:.3g}"]
+        row += [str(matches.views[k]), str(matches.expected[k]), f"{getattr(matches, doubt)[k]:.3g}"]
         row += [_number(value, 3) for value in matches.pixels[k].ravel()]
         writer.writerow([*row, int(matches.label[k])] if named else row)
     with replacing(path) as file:

@@ -57,7 +57,7 @@ def draw_curves(
     places = [find_view(rig, pixel, view) for pixel in given]
     folder = output_folder(output)
     with console.status("tracing"):
-        depths = depths or setup.depths or rig.working_depths
+        depths = rig.check_depths(depths or setup.depths or rig.working_depths)
         if not given:
             places = [k for k in range(len(rig)) if view in (None, k)]
             given = [telling_pixel(rig, k, depths) for k in places]

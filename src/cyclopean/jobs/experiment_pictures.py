@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 def experiment_pictures(experiment: Experiment, folders: Sequence[Path] | None = None) -> dict[str, tuple[str, Figure]]:
     """File names, captions and figures, in the order of the thesis's list of figures."""
+    from ..experiments import baseline
     from ..plotting.experiments import (
         boards_picture,
         depth_errors_picture,
@@ -36,7 +37,8 @@ def experiment_pictures(experiment: Experiment, folders: Sequence[Path] | None =
             depth_errors_picture(experiment),
         ),
         "cameras.png": (
-            "Position of camera and prism, how the virtual cameras come about, and the field of view that they share",
+            "Position of camera and prism, how the virtual cameras come about, and the field of view that they share. "
+            f"Drawn by ray sketching (middle); between the points nearest to all rays lie {baseline(rig):.2f} mm",
             section_figure(setup, depths),
         ),
         "ray_map.png": ("Ray map: how ray sketching finds a virtual camera", ray_map_picture(setup, rig)),

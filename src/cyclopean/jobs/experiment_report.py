@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 TABLES = {"biprism": "4.1", "trinocular": "5.1", "multiocular": "6.1"}
 _ABREAST = 6  # approaches side by side on the screen
-_VIEWS = {2: "binocular", 3: "trinocular"}
 
 
 def title_of(name: str, experiment: Experiment) -> str:
@@ -27,7 +26,7 @@ def title_of(name: str, experiment: Experiment) -> str:
     from ..experiments import baseline
 
     rig = (experiment.material.true or experiment.setup).rig()
-    kind = _VIEWS.get(len(rig), f"{len(rig)}-face")
+    kind = {"biprism": "binocular", "multiocular": f"multi-ocular ({len(rig)} facets)"}.get(name, name)
     return (
         f"Recovered depth by {kind} stereovision, baseline {baseline(rig):.1f} mm "
         f"(the form of the thesis's table {TABLES[name]})"
@@ -59,14 +58,18 @@ def facts(experiment: Experiment, options: Options) -> list[str]:
     optic, wrong = prism_of(bench), prism_of(drawn)
     focal_off = 100 * (drawn.camera.focal[0] / bench.camera.focal[0] - 1)
     seen = material.targets.observations
-    corners = "corners found in photographs" if options.data else f"corners computed with {options.noise_px:g} px noise"
+    corners = (
+        "corners found in photographs"
+        if options.data
+        else f"corners computed with {options.corner_noise_px:g} px noise"
+    )
     lines = [
         f"bench: {optic.facets} facets of {optic.apex_deg:g} degrees, {optic.distance:.2f} mm from the pinhole, "
         f"{optic.thickness:.2f} mm thick; camera {bench.camera.size[0]} x {bench.camera.size[1]} px, focal length "
         f"{bench.camera.focal[0]:g} px",
         f"drawing: {wrong.apex_deg:g} degrees, {wrong.distance:.2f} mm, tilted by "
         f"{np.linalg.norm(np.subtract(wrong.tilt_deg, optic.tilt_deg)):.2g} degrees more; focal length "
-        f"{drawn.camera.focal[0]:g} px ({focal_off:+.2g} %)",
+        f"{drawn.camera.focal[0]:g} px ({focal_off:+.2g} %), where the camera's calibration starts",
         f"camera calibrated without the prism: focal length {camera.focal[0]:.2f}, {camera.focal[1]:.2f} px, centre "
         f"{camera.centre[0]:.2f}, {camera.centre[1]:.2f} px",
     ]

@@ -26,18 +26,18 @@ class Options:
         Folder that holds the renderer's photographs (mitsuba/), instead of computed corners.
     depths
         Depths of the target, mm: 600,700,800,...
-    noise_px
+    corner_noise_px
         Standard deviation of each coordinate of a computed corner, px.
     seed
         Of the noise.
-    photographs
+    photos
         How many of the board to calibrate from are computed, without the prism and through it.
     board_stays
         The board stands still while the prism is put on, so that virtual cameras are calibrated in the real camera's
         frame.
     drawing_apex_deg
         By how much the drawing's facet angle is too large, degrees.
-    drawing_distance_mm
+    drawing_distance
         By how much the drawing's distance is too large, mm.
     drawing_tilt_deg
         By how much the prism is drawn tilted though it is not, degrees.
@@ -51,11 +51,11 @@ class Options:
     setup: Path | None = None
     data: Path | None = None
     depths: str | None = None
-    noise_px: float = 0.05
+    corner_noise_px: float = 0.05
     seed: int = 0
-    photographs: int = 8
+    photos: int = 8
     board_stays: bool = False
     drawing_apex_deg: float = 0.05
-    drawing_distance_mm: float = 1.0
+    drawing_distance: float = 1.0
     drawing_tilt_deg: float = 0.2
     approaches: Literal["usual", "all"] = "usual"

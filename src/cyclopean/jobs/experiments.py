@@ -21,18 +21,17 @@ if TYPE_CHECKING:
 
 DEPTHS = tuple(range(600, 1601, 100))  # mm
 _FACETS = {"biprism": 2, "trinocular": 3, "multiocular": 4}
+_MOST_FACETS = 60  # with more, sub-images hold no board
 Progress = Callable[[str, int, int], None]
 
 
-def run_experiment(name: str, facets: float | None, options: Options, output: Path) -> None:
+def run_experiment(name: str, facets: int | None, options: Options, output: Path) -> None:
     """Perform one experiment; see `cyclopean experiment`."""
     from ..experiments import ALL, USUAL, DrawingError, perform
 
-    if facets is not None and facets != int(facets):
-        raise SetupError(f"--facets must be a whole number, got {facets:g}")
     _check(options, facets, name)
     depths = parse_list(options.depths)
-    drawing = DrawingError(options.drawing_apex_deg, options.drawing_distance_mm, options.drawing_tilt_deg)
+    drawing = DrawingError(options.drawing_apex_deg, options.drawing_distance, options.drawing_tilt_deg)
     folder = output_folder(output)
     with progress_bars() as progress:
         if options.data is None:
@@ -67,18 +66,19 @@ def parse_list(text: str | None) -> tuple[float, ...] | None:
     return depths
 
 
-def _check(options: Options, facets: float | None, name: str) -> None:
+def _check(options: Options, facets: int | None, name: str) -> None:
     """Options that exclude each other."""
     usual = Options()
     shape = [key for key in ("baseline", "apex_deg", "glass") if getattr(options, key) != getattr(usual, key)]
     computed = [
         key
-        for key in ("noise_px", "seed", "photographs", "board_stays")
+        for key in ("corner_noise_px", "seed", "photos", "board_stays")
         if getattr(options, key) != getattr(usual, key)
     ]
 
-    if options.seed < 0:
-        raise SetupError(f"--seed must be 0 or more, got {options.seed}")
+    if facets is not None and not 2 <= facets <= _MOST_FACETS:
+        raise SetupError(f"--facets must be 2 (a biprism) to {_MOST_FACETS}, got {facets}")
+    _check_numbers(options)
 
     def spoken(keys):
         return ", ".join("--" + key.replace("_", "-") for key in keys)
@@ -89,13 +89,32 @@ def _check(options: Options, facets: float | None, name: str) -> None:
         given = [*(["setup"] if options.setup is not None else []), *shape, *computed]
         raise SetupError(f"--data takes photographs as they were taken: leave {spoken(given)} out")
     if options.data is not None and name == "multiocular" and facets not in (None, 4):
-        raise SetupError(
-            f"the photographs of this experiment are of four facets, not of {facets:g}: leave --facets out"
-        )
+        raise SetupError(f"the photographs of this experiment are of four facets, not of {facets}: leave --facets out")
+
+
+def _check_numbers(options: Options) -> None:
+    """Numbers that make no sense, named as they were typed."""
+    if options.seed < 0:
+        raise SetupError(f"--seed must be 0 or more, got {options.seed}")
+    for option, value in (
+        ("--drawing-apex-deg", options.drawing_apex_deg),
+        ("--drawing-distance", options.drawing_distance),
+        ("--drawing-tilt-deg", options.drawing_tilt_deg),
+    ):
+        if not np.isfinite(value):
+            raise SetupError(f"{option} must be a number, got {value:g}")
+    if options.baseline is not None and not 0 < options.baseline < np.inf:
+        raise SetupError(f"--baseline must be a positive number of mm, got {options.baseline:g}")
+    if options.apex_deg is not None and not 0 < options.apex_deg < 90:
+        raise SetupError(f"--apex-deg must lie between 0 and 90, got {options.apex_deg:g}")
+    if not 0 <= options.corner_noise_px < np.inf:
+        raise SetupError(f"--corner-noise-px must be 0 px or more, got {options.corner_noise_px:g}")
+    if options.photos < 3:
+        raise SetupError(f"--photos: calibration wants 3 photographs or more, got {options.photos}")
 
 
 def _computed(
-    name: str, facets: float | None, options: Options, drawing: DrawingError, depths: Sequence[float]
+    name: str, facets: int | None, options: Options, drawing: DrawingError, depths: Sequence[float]
 ) -> Material:
     """Corners by exact projection and noise."""
     from ..experiments import synthetic
@@ -104,14 +123,14 @@ def _computed(
         _setup(name, facets, options, depths),
         depths,
         drawing=drawing,
-        noise_px=options.noise_px,
+        noise_px=options.corner_noise_px,
         seed=options.seed,
-        photographs=options.photographs,
+        photographs=options.photos,
         board_stays=options.board_stays,
     )
 
 
-def _setup(name: str, facets: float | None, options: Options, depths: Sequence[float]) -> Setup:
+def _setup(name: str, facets: int | None, options: Options, depths: Sequence[float]) -> Setup:
     """What stands on the bench."""
     from ..experiments import standard_setup
     from ..optics import Prism
@@ -119,7 +138,7 @@ def _setup(name: str, facets: float | None, options: Options, depths: Sequence[f
     span = depths[0], max(depths[-1], depths[0] * 1.001)
     if options.setup is None:
         given = standard_setup(
-            _FACETS[name] if facets is None else int(facets),
+            _FACETS[name] if facets is None else facets,
             options.baseline,
             apex_deg=options.apex_deg,
             glass=_glass(options.glass),
@@ -134,7 +153,7 @@ def _setup(name: str, facets: float | None, options: Options, depths: Sequence[f
     wanted = _FACETS[name] if name != "multiocular" else facets
     if wanted is not None and given.optic.facets != wanted:
         raise SetupError(
-            f"{options.setup}: this prism has {given.optic.facets} facets, but the experiment is about {wanted:g}; "
+            f"{options.setup}: this prism has {given.optic.facets} facets, but the experiment is about {wanted}; "
             "cyclopean experiment multiocular takes any number"
         )
     return replace(given, depths=given.depths or span)

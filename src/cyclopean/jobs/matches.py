@@ -19,6 +19,8 @@ from ..targets import Board
 from .console import console, counted, progress_bars, save_figure
 
 Rows = list[tuple[str, ...]]
+NOISE = 0.1  # px, of points and of boards where no other is stated
+MAX_AMBIGUITY = 0.2
 _MANY = 300  # points, of which a small share says something
 _FEW_MATCHED = 0.03  # share of the points found that are matched, below which something is wrong
 _FEW_SEEN = 0.1  # share of the points it should show that a view shows, below which something is wrong with it
@@ -34,7 +36,7 @@ class Request:
     depths: tuple[float, float] | None  # mm
     min_views: int
     noise_px: float | None
-    max_ambiguity: float
+    max_ambiguity: float | None
     refine: bool
 
     @property
@@ -43,6 +45,18 @@ class Request:
         if self.points is not None:
             return f"points of {self.points.name}"
         return f"points of the board {self.board.name}" if self.board is not None else f"{self.detector} features"
+
+    @property
+    def noise(self) -> str:
+        """Standard deviation of a pixel coordinate, px, for people."""
+        from ..correspondence import SIGMAS
+        from ..correspondence.alignment import REFINED_SIGMA
+
+        features = self.points is None and self.board is None
+        if self.noise_px is not None or not features:
+            return f"{self.noise_px or NOISE:g}"
+        matching = f"{SIGMAS[self.detector]:g}"
+        return f"{matching} while matching, {REFINED_SIGMA:g} once refined" if self.refine else matching
 
 
 def run_match(photo: Path, setup_file: Path, output: Path, request: Request) -> None:
@@ -57,7 +71,7 @@ def run_match(photo: Path, setup_file: Path, output: Path, request: Request) -> 
         raise SetupError(f"--min-views {request.min_views} is more than the {counted(len(rig), 'view')} of the setup")
     folder = output_folder(output)
     warnings = check_exposure(photograph, rig.masks)
-    depths = request.depths or setup.depths or rig.working_depths
+    depths = rig.check_depths(request.depths or setup.depths or rig.working_depths)
     console.print(f"{photo.name}: {len(rig)} views, {request.what}, depths {depths[0]:g} to {depths[1]:g} mm")
     with progress_bars() as progress:
         matches, notes = find_matches(photograph, rig, depths, request, progress)
@@ -83,10 +97,11 @@ def find_matches(photograph, rig: Rig, depths, request: Request, progress) -> tu
         if not isinstance(board, Board):
             raise SetupError(f"{request.board}: points in space have no print that could be found in a photograph")
         progress("board", 0, 1)
-        found = match_target(photograph, rig, board, sigma=request.noise_px or 0.1, min_views=request.min_views)
+        found = match_target(photograph, rig, board, sigma=request.noise_px or NOISE, min_views=request.min_views)
         progress("board", 1, 1)
         return found
-    limits = {"min_views": request.min_views, "max_ambiguity": request.max_ambiguity, "progress": progress}
+    most = MAX_AMBIGUITY if request.max_ambiguity is None else request.max_ambiguity
+    limits = {"min_views": request.min_views, "max_ambiguity": most, "progress": progress}
     if request.points is None:
         return match_features(
             photograph, rig, depths, detector=request.detector, sigma=request.noise_px, refine=request.refine, **limits
@@ -97,7 +112,7 @@ def find_matches(photograph, rig: Rig, depths, request: Request, progress) -> tu
     if sum(len(pixels) > 0 for pixels in given) == 1:
         return _pointed(photograph, rig, depths, request, given)
     try:
-        return match_points(rig, given, depths, sigma=request.noise_px or 0.1, **limits), []
+        return match_points(rig, given, depths, sigma=request.noise_px or NOISE, **limits), []
     except ShapeError as error:
         raise SetupError(f"{request.points}: {error}") from None
 
@@ -107,8 +122,13 @@ def _pointed(photograph, rig, depths, request, given):
     from ..correspondence import match_pointed
 
     view = next(k for k, pixels in enumerate(given) if len(pixels))
+    if request.max_ambiguity is not None:
+        raise SetupError(
+            f"--max-ambiguity is for points of several views; all points of {request.points} are in view {view}, and "
+            "are looked for in the others by the picture around them: leave it out"
+        )
     console.print(f"all points are in view {view}: looking for them in the others")
-    matches, notes = match_pointed(photograph, rig, view, given[view], depths, pointing=request.noise_px or 0.0)
+    matches, notes = match_pointed(photograph, rig, view, given[view], depths, pointing=request.noise_px or NOISE)
     enough = matches.views >= request.min_views
     return matches.select(enough), notes
 
@@ -149,10 +169,11 @@ def match_tables(rig: Rig, matches: Matches) -> dict[str, tuple[tuple[str, ...],
     }
     if counts.pairs:
         tables["candidates"] = (("step", "number", "candidates of a point in a view"), _steps(matches))
+    pointed = bool(np.isfinite(matches.next_best).any())
     rows = [_depth_row(matches.select(matches.views == views), views) for views in np.unique(matches.views)]
     columns = (
         "seen by", "points", "median depth (mm)", "depths (mm)", "median sigma of depth (mm)", "residual rms (px)",
-        "median ambiguity",
+        "median next best" if pointed else "median ambiguity",
     )  # fmt: skip
     if rows:
         tables["matched points by number of views"] = (columns, rows)
@@ -173,7 +194,8 @@ def _steps(matches):
 
 def _depth_row(matches, views):
     depth, sigma = matches.points[:, 2], np.sqrt(matches.covariance[:, 2, 2])
-    numbers = np.median(depth), np.median(sigma), np.sqrt((matches.residual**2).mean()), np.median(matches.ambiguity)
+    doubt = np.median(np.where(np.isnan(matches.ambiguity), matches.next_best, matches.ambiguity))
+    numbers = np.median(depth), np.median(sigma), np.sqrt((matches.residual**2).mean()), doubt
     return (
         str(views), f"{len(matches):,}", f"{numbers[0]:.1f}", f"{depth.min():.1f} to {depth.max():.1f}",
         f"{numbers[1]:.3f}", f"{numbers[2]:.3f}", f"{numbers[3]:.2g}",
@@ -213,14 +235,18 @@ def write_results(
         ("setup", setup_file.name),
         ("matched", request.what),
         ("depth range (mm)", f"{depths[0]:g} to {depths[1]:g}"),
-        ("pixel noise (px)", "the detector's" if request.noise_px is None else f"{request.noise_px:g}"),
+        ("pixel noise (px)", request.noise),
         ("views that must show a point", str(request.min_views)),
-        ("largest ambiguity", f"{request.max_ambiguity:g}"),
     ]
+    doubt = "Next best: correlation of the next best place over that of the match."
+    if not np.isfinite(matches.next_best).any():
+        most = MAX_AMBIGUITY if request.max_ambiguity is None else request.max_ambiguity
+        settings += [("largest ambiguity", f"{most:g}")] if request.board is None else []
+        doubt = "Ambiguity: likelihood of the best other explanation over the match's."
     write_report(
         folder / "report.html",
         f"Matches of {photo.name}",
-        "Lengths in mm in the camera's frame. Ambiguity: likelihood of the best other explanation over the match's.",
+        f"Lengths in mm in the camera's frame. {doubt}",
         {**tables, "Settings": (("setting", "value"), settings)},
         {"Matched points, coloured by depth; the same colour is the same point": picture},
         warnings,

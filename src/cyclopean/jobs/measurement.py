@@ -184,7 +184,7 @@ def _scene(setup, photograph, request):
         raise OpticError(
             f"{request.setup}: measuring wants two views or more; this {setup.optic.kind} gives {len(rig)}"
         )
-    depths = request.depths or setup.depths or rig.working_depths
+    depths = rig.check_depths(request.depths or setup.depths or rig.working_depths)
     share = calibration_share(setup, request.calibration) if request.calibration else lambda found: found
     return Scene(prepare(photograph, rig), rig, depths, request.window, request.pointing, share)
 

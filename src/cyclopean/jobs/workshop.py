@@ -19,6 +19,7 @@ SOLIDS = (".stl", ".ply", ".obj")
 DRAWINGS = (".pdf", ".svg", ".png")
 _IN_FOLDER = ("drawing.pdf", "drawing.svg", "prism.stl")
 _FIGURES = ("section", "map", "cameras")
+_MOST_RAYS = 500  # of each view: more are one blot
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ def write_drawings(request: DrawingRequest) -> None:
     for path in files:
         if path.suffix.lower() in SOLIDS and prism is None:
             raise OutputError(f"{path}: only a prism is written as a solid; this setup's optic is {setup.optic.kind}")
+    _check_mesh(request.mesh_tolerance)
     width = _width(setup, request.width)
     solid = prism_solid(prism, tolerance=request.mesh_tolerance, width=width) if prism else None
     data: dict[str, bytes] = {}
@@ -65,6 +67,7 @@ def write_drawings(request: DrawingRequest) -> None:
         data = _drawn(setup, request, kinds & set(DRAWINGS))
     if prism:
         console.print(measures_table(setup, width))
+        _warn(setup)
         if width is not None and request.width is None:
             console.print(f"a biprism without a radius is endless along its ridge: cut to {width:g} mm (--width)")
     for path in files:
@@ -74,6 +77,25 @@ def write_drawings(request: DrawingRequest) -> None:
             with replacing(path) as file:
                 file.write(data[path.suffix.lower()])
         console.print(f"-> {path}")
+
+
+def _check_mesh(tolerance):
+    from ..optics.solid import FINEST
+
+    if not FINEST <= tolerance < np.inf:
+        raise SetupError(f"--mesh-tolerance wants a number of mm from {FINEST:g}, got {tolerance:g}")
+
+
+def _warn(setup):
+    """Tell what the prism is too small for, and that nobody can make it, where that is so."""
+    from ..plotting.workshop import light_aperture, picture_warning, sharp_edge_advice
+
+    light = light_aperture(setup)
+    lines = [picture_warning(setup, light)]
+    if setup.optic.radius is None:
+        lines.append(sharp_edge_advice(setup.optic, light))
+    for line in filter(None, lines):
+        console.print(f"warning: {line}", style="yellow")
 
 
 def _drawn(setup, request, kinds):
@@ -90,21 +112,21 @@ def _width(setup: Setup, given: float | None) -> float | None:
     prism = setup.optic
     if given is not None or not isinstance(prism, Prism) or prism.facets != 2 or prism.radius is not None:
         return given
-    from ..plotting.workshop_prism import prism_width
+    from ..plotting.workshop_part import prism_width
 
     return prism_width(setup)
 
 
 def measures_table(setup: Setup, width: float | None) -> Table:
     """The measures of a setup's prism."""
-    from ..optics.dimensions import clear_aperture, prism_dimensions
-    from ..plotting.workshop import aperture_margin, border_rays
+    from ..optics.dimensions import prism_dimensions
+    from ..plotting.workshop import face_text, light_aperture
     from ..plotting.workshop_sheet import degrees_text
 
     prism = setup.optic
     assert isinstance(prism, Prism)
     measures = prism_dimensions(prism, width)
-    light = clear_aperture(prism, setup.wavelength_nm, border_rays(setup)).widened(aperture_margin(setup))
+    light = light_aperture(setup)
     table = Table("measure", "value", box=None)
 
     def row(name, angles):
@@ -123,7 +145,8 @@ def measures_table(setup: Setup, width: float | None) -> Table:
     else:
         table.add_row("outline", "polygon, where the facets cut the flat face")
     table.add_row("volume", f"{measures.volume / 1000:.4f} cm^3")
-    table.add_row("clear diameter needed", f"flat face {2 * light.flat_face:.2f}, facets {2 * light.facets:.2f} mm")
+    flat, facets = (face_text(radius, prism.radius) for radius in (light.flat_face, light.facets))
+    table.add_row("clear diameter needed, mm", f"flat face: {flat}, facets: {facets}")
     return table
 
 
@@ -135,8 +158,10 @@ def draw_rays(request: RayRequest) -> None:
     """Write ray figures."""
     setup = read_setup(request.setup)
     plane = _plane(request.plane)
-    if request.count < 1:
-        raise SetupError(f"--count wants one ray of each view at least, got {request.count}")
+    if not 1 <= request.count <= _MOST_RAYS:
+        raise SetupError(f"--count wants 1 to {_MOST_RAYS} rays of each view, got {request.count}")
+    if request.depths is not None:
+        setup.rig().check_depths(request.depths)
     (path,) = _files((request.output,), DRAWINGS, ("",))
     wanted = (
         {path: request.figure} if path.suffix.lower() in DRAWINGS else {path / f"{name}.png": name for name in _FIGURES}

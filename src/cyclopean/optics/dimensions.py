@@ -86,7 +86,11 @@ def _round_measures(prism, angles, azimuths, edge_azimuths):
 
 @dataclass(frozen=True)
 class ClearAperture:
-    """Where light of the camera meets a prism's faces, were the faces as large as they need to be."""
+    """Where light of the camera meets a prism's faces, were the faces as large as they need to be.
+
+    NaN where no ray meets the prism; infinite where some do, and others find no facet: past the sharp outer edge, in
+    which facets cut the flat face, no outline helps.
+    """
 
     flat_face: float  # mm, radius around the prism's axis
     facets: float  # mm, radius around the prism's axis
@@ -118,13 +122,14 @@ def clear_aperture(prism: Prism, wavelength_nm: float, rays: Rays) -> ClearApert
     Returns
     -------
     ClearAperture
-        Radii around the prism's axis; NaN where no ray meets the prism.
+        Radii around the prism's axis.
     """
     placement = prism.placement
     farthest, box = np.full(2, np.nan), np.full(2, np.nan)
     azimuth = facet_planes(prism)[2][0]
     axes = np.array([[np.cos(azimuth), np.sin(azimuth)], [-np.sin(azimuth), np.cos(azimuth)]])
     facet_first = prism.facing == "camera"
+    lost = np.ones(rays.origins.shape[:-1], dtype=bool)
     for path in prism.paths(wavelength_nm):
         points = meeting_points(path, rays)
         facet = 0 if facet_first else 1
@@ -132,10 +137,13 @@ def clear_aperture(prism: Prism, wavelength_nm: float, rays: Rays) -> ClearApert
         others = bounds[bounds[:, 4] == Reason.WRONG_FACET]
         with np.errstate(invalid="ignore"):
             own = (points[:, facet] @ others[:, :3].T <= others[:, 3] + 1e-9).all(-1)
+        lost &= ~(own & np.isfinite(points).all((-1, -2)))
         arms = (points[own] - placement.translation) @ placement.rotation
         arms = arms[np.isfinite(arms).all((-1, -2))][..., :2]
         if len(arms):
             reach = np.linalg.norm(arms, axis=-1).max(0)
             farthest = np.fmax(farthest, reach[::-1] if facet_first else reach)
             box = np.fmax(box, np.abs(arms @ axes.T).max((0, 1)))
+    if lost.any() and not lost.all():
+        return ClearAperture(np.inf, np.inf, (np.inf, np.inf))
     return ClearAperture(float(farthest[0]), float(farthest[1]), (float(box[0]), float(box[1])))

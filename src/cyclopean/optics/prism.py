@@ -59,7 +59,7 @@ class Prism:
                 f"facet_deviation_deg needs one (angle, azimuth) pair for each of the {self.facets} facets, "
                 f"got shape {deviation.shape}"
             )
-        angles, azimuths = self._facet_angles()
+        angles, azimuths = self.facet_angles()
         if not ((angles > 0) & (angles < np.pi / 2) & np.isfinite(azimuths)).all():
             raise OpticError(
                 f"every facet must stand at 0 to 90 degrees to the flat face, at some azimuth; got "
@@ -76,7 +76,7 @@ class Prism:
             raise OpticError(
                 f"the prism's radius must be a positive number of mm, or None for facets that run on, got {self.radius}"
             )
-        steepest = self._facet_angles()[0].max()
+        steepest = self.facet_angles()[0].max()
         edge = self.thickness - self.radius * np.tan(steepest)
         if edge < 0:
             raise OpticError(
@@ -85,7 +85,7 @@ class Prism:
                 f"{self.radius * np.tan(steepest):.4g} mm, or the radius or the angle smaller"
             )
 
-    def _facet_angles(self) -> tuple[np.ndarray, np.ndarray]:
+    def facet_angles(self) -> tuple[np.ndarray, np.ndarray]:
         """Angle to the flat face and azimuth of each facet, (n,) rad each."""
         deviation = np.zeros((self.facets, 2))
         if len(self.facet_deviation_deg):
@@ -127,7 +127,7 @@ class Prism:
         return tuple(paths)
 
     def _check_total_reflection(self, outside, inside):
-        angles, _ = self._facet_angles()
+        angles, _ = self.facet_angles()
         sine = np.sin(angles) * inside / outside
         if self.facing == "camera":
             refracted = np.arcsin(np.clip(np.sin(angles) * outside / inside, -1, 1))
@@ -142,7 +142,7 @@ class Prism:
 
     def _faces(self):
         """Normal, offset and their derivatives to the shape parameters; the flat face first, prism frame."""
-        angles, azimuths = self._facet_angles()
+        angles, azimuths = self.facet_angles()
         count = 3 + 2 * self.facets  # apex, azimuth, thickness, then (angle, azimuth) of each facet
         towards_scene = self.facing == "scene"
         d_offset = np.zeros(count)

@@ -13,6 +13,7 @@ from .prism import Prism
 
 FLAT, WALL = "flat face", "wall"
 _SAME = 1e-9  # mm: corners nearer than this are one
+FINEST = 1e-5  # mm: a polygon nearer to a round outline would have too many corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +105,7 @@ def prism_solid(prism: Prism, *, tolerance: float = 0.005, width: float | None =
         With a radius its outline is a cylinder, which the facets cut in arcs of ellipses. Without one the facets run on
         until they cut the flat face in a polygon.
     tolerance : float
-        How far the polygon that stands for a round outline may lie inside it, mm.
+        How far the polygon that stands for a round outline may lie inside it, mm; 1e-5 at least.
     width : float, optional
         Length (mm) along the ridge of a biprism without a radius, whose facets alone would never end; only for it.
 
@@ -113,8 +114,8 @@ def prism_solid(prism: Prism, *, tolerance: float = 0.005, width: float | None =
     OpticError
         When the facets enclose no body, or `width` is missing or not wanted.
     """
-    if not 0 < tolerance < np.inf:
-        raise OpticError(f"the tolerance of the outline must be a positive number of mm, got {tolerance}")
+    if not FINEST <= tolerance < np.inf:
+        raise OpticError(f"the tolerance of the outline must be a number of mm from {FINEST:g}, got {tolerance:g}")
     if prism.radius is not None:
         _refuse_width(width, "has a round outline")
         return _round_solid(prism, tolerance)
@@ -126,7 +127,7 @@ def prism_solid(prism: Prism, *, tolerance: float = 0.005, width: float | None =
 
 def facet_planes(prism: Prism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Outward normals (n, 3) of the facets in the prism's frame, their angles (n,) and azimuths (n,), rad."""
-    angles, azimuths = prism._facet_angles()
+    angles, azimuths = prism.facet_angles()
     sine = np.sin(angles)
     return np.stack([sine * np.cos(azimuths), sine * np.sin(azimuths), np.cos(angles)], -1), angles, azimuths
 

@@ -13,15 +13,13 @@ from ..calibration.depths import DepthErrors, largest, rig_points, rms
 from ..calibration.physical import Calibration
 from ..errors import CyclopeanError
 from ..targets import DIRECT
-from .pictures import VIEW_COLOURS
+from .colours import BLUE, GREY, LIGHT_GREY, ORANGE, RED, SKY_BLUE, VERMILION, VIEW_COLOURS, view_colour
 
 _ARROWS = 2500  # more do not show
 _ARROW_LENGTH = 0.035  # of the picture's width, that of the 95th percentile of the residuals
 _LONGEST = 0.1  # of the picture's width; longer arrows are cut
 _BINS = 61
 _NARROW = 4  # largest over smallest value, below which a logarithmic axis wants numbers between 1, 2 and 5
-_GREY = "#555555"
-_WORST = "#d55e00"
 
 
 def residual_picture(calibration: Calibration) -> Figure:
@@ -57,7 +55,7 @@ def _draw_arrows(axes: Axes, calibration: Calibration, rows: np.ndarray, unit: f
     _label_views(axes, calibration, rows)
     good = np.flatnonzero(rows & ~calibration.outliers & np.isfinite(residuals).all(-1))
     good = np.sort(np.random.default_rng(0).permutation(good)[:_ARROWS])
-    colours = np.array([*VIEW_COLOURS, _GREY])
+    colours = np.array([*VIEW_COLOURS, GREY])
     shades = colours[np.where(seen.view[good] == DIRECT, -1, seen.view[good] % len(VIEW_COLOURS))]
     shown = residuals[good] * per_px
     length = np.linalg.norm(shown, axis=-1)
@@ -77,7 +75,7 @@ def _draw_arrows(axes: Axes, calibration: Calibration, rows: np.ndarray, unit: f
     if lost.any():
         count = int(lost.sum())
         label = f"{count:,} outlier{'' if count == 1 else 's'}"
-        axes.plot(*seen.pixels[lost].T, "x", color="#cc0000", markersize=5, label=label)
+        axes.plot(*seen.pixels[lost].T, "x", color=RED, markersize=5, label=label)
         axes.legend(loc="upper right", bbox_to_anchor=(1.0, 0.0), fontsize=8, frameon=False)
     key = f"{unit:g} px" + (f"; {cut.sum():,} longer than {_LONGEST * width / per_px:.3g} px cut" if cut.any() else "")
     axes.quiverkey(arrows, 0.08, -0.035, unit * per_px, key, labelpos="E", color="black")
@@ -89,7 +87,7 @@ def _label_views(axes, calibration, rows):
     seen = calibration.observations
     for number in np.unique(seen.view[rows & (seen.view != DIRECT)]):
         middle = np.median(seen.pixels[rows & (seen.view == number)], axis=0)
-        colour = VIEW_COLOURS[number % len(VIEW_COLOURS)]
+        colour = view_colour(number)
         box = {"boxstyle": "round", "facecolor": "white", "edgecolor": colour, "linewidth": 1.5, "alpha": 0.85}
         axes.annotate(f"view {number}", middle, ha="center", va="center", fontsize=9, bbox=box, zorder=4)
 
@@ -104,7 +102,7 @@ def _draw_seams(axes, calibration, rows):
         return
     for view in rig:
         for line in view.region.outline:
-            axes.plot(*line.T, color="#bbbbbb", linewidth=0.8, zorder=0)
+            axes.plot(*line.T, color=LIGHT_GREY, linewidth=0.8, zorder=0)
 
 
 def _frame(axes, size):
@@ -118,7 +116,7 @@ def _draw_histogram(axes: Axes, calibration: Calibration) -> None:
     sigma = sigma or float(values.std()) or 1.0
     middle, limit = float(np.median(values)) if values.size else 0.0, 5 * sigma
     edges = np.linspace(-limit, limit, int(np.clip(np.sqrt(values.size), 16, _BINS)))
-    axes.hist(np.clip(values, -limit, limit), edges.tolist(), color="#56b4e9")
+    axes.hist(np.clip(values, -limit, limit), edges.tolist(), color=SKY_BLUE)
     x = np.linspace(-limit, limit, 300)
     height = values.size * (edges[1] - edges[0]) / (sigma * np.sqrt(2 * np.pi))
     label = f"normal curve of the robust sigma, {sigma:.3g} px"
@@ -189,8 +187,8 @@ def _draw_map(axes, points, values):
 
 def _draw_curves(axes, errors):
     parts = (
-        (f"noise of {errors.pixel_sigma:g} px", errors.noise, "#0072b2", "o-"),
-        ("calibration", errors.calibration, _WORST, "s-"),
+        (f"noise of {errors.pixel_sigma:g} px", errors.noise, BLUE, "o-"),
+        ("calibration", errors.calibration, VERMILION, "s-"),
         ("total", errors.total, "black", ":"),
     )
     for label, values, colour, style in parts:
@@ -218,12 +216,12 @@ def photo_picture(calibration: Calibration, held_out: Sequence[float] | np.ndarr
     places = np.arange(count)
     width = 0.4 if held_out is not None else 0.7
     direct = np.array([np.all(seen.view[seen.photo == k] == DIRECT) for k in range(count)])
-    for mine, colour, label in ((~direct, "#0072b2", "calibrated with it"), (direct, _GREY, "without the optic")):
+    for mine, colour, label in ((~direct, BLUE, "calibrated with it"), (direct, GREY, "without the optic")):
         if mine.any():
             shift = -width / 2 if held_out is not None else 0.0
             axes.bar(places[mine] + shift, np.array(sizes)[mine], width, color=colour, label=label)
     if held_out is not None:
-        axes.bar(places + width / 2, np.asarray(held_out), width, color="#e69f00", label="calibrated without it")
+        axes.bar(places + width / 2, np.asarray(held_out), width, color=ORANGE, label="calibrated without it")
     axes.axhline(rms(calibration.residuals[good]), color="black", linewidth=0.8, linestyle="--", label="all")
     axes.set_xticks(places, _short(seen.photos), rotation=60, ha="right", fontsize=8 if count < 40 else 5)
     axes.set(ylabel="residuals (px rms)", xlim=(-0.7, count - 0.3))

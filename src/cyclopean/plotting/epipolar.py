@@ -204,7 +204,7 @@ def _draw_departures(axes: Axes, rig, curves, off):
             colour, style = VIEW_COLOURS[k % len(VIEW_COLOURS)], _STYLES[number % len(_STYLES)]
             axes.plot(inverse, -miss[k], color=colour, linestyle=style, linewidth=1.8)
         widest = np.fmax(widest, np.nan_to_num(one.sigma).max(0))
-    seen = inverse[widest > 0] if (widest > 0).any() else inverse
+    seen = inverse[widest > 0] if (widest > 0).sum() > 1 else inverse
     axes.fill_between(
         inverse, -_BAND * widest, _BAND * widest, where=widest > 0, color="#bbbbbb", alpha=0.6, linewidth=0
     )

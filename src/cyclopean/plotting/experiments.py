@@ -13,19 +13,16 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from ..errors import OpticError
 from ..geometry import Rays, as_rgb
 from ..rigs import Rig, Setup
+from .colours import GREEN, GREY, GRID, LIGHT_GREY, RED, VIEW_COLOURS, view_colour
 from .comparison import STYLES as STYLES
-from .pictures import VIEW_COLOURS
-from .ray_parts import GLASS, drawing_plane, line_colour, sketched_cameras, solid_of
+from .ray_parts import GLASS, drawing_plane, sketched_cameras, solid_of
 
 if TYPE_CHECKING:
     from ..experiments import Experiment
 
 _PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
-_GREY = "#555555"
-_DIRECT = "#cc0000"
 _LINES = ("-", "-", "-.", "--", ":")  # of views that stand alike one curve lies on another
-_GRID = {"color": "#dddddd", "linewidth": 0.6}
-_TRUE_STYLE = ("#009e73", "x", ":")
+_TRUE_STYLE = (GREEN, "x", ":")
 _BUNDLE = 15  # rays across a sub-image that are extended back
 _ARROW = 0.05  # of the picture's width, that of the 95th percentile of the residuals
 
@@ -46,11 +43,11 @@ def depth_errors_picture(experiment: Experiment) -> Figure:
     spread.yaxis.set_minor_formatter(NullFormatter())
     spread.set_title("rms error of the target's points")
     spread.set_ylabel("% of depth")
-    spread.grid(which="both", **_GRID)
-    mean.axhline(0, color=_GREY, linewidth=0.8)
+    spread.grid(which="both", **GRID)
+    mean.axhline(0, color=GREY, linewidth=0.8)
     mean.set_title("error of their mean depth")
     mean.set_ylabel("% of depth")
-    mean.grid(**_GRID)
+    mean.grid(**GRID)
     for axes in (spread, mean):
         axes.set_xlabel("actual depth, mm")
         axes.spines[["top", "right"]].set_visible(False)
@@ -74,7 +71,7 @@ def disparity_picture(experiment: Experiment, rig: Rig) -> Figure:
         along = along / np.linalg.norm(along)
         seen = (experiment.pixels[:, 0] - experiment.pixels[:, k]) @ along
         line = (on_axis[:, 0] - on_axis[:, k]) @ along
-        colour = line_colour(k)
+        colour = view_colour(k)
         label = f"views 0 and {k}"
         for axes, x, dots in (
             (over_depth, depths, experiment.actual),
@@ -87,7 +84,7 @@ def disparity_picture(experiment: Experiment, rig: Rig) -> Figure:
     over_depth.set_title("disparity over depth")
     over_inverse.set_title("disparity over inverse depth")
     for axes in (over_depth, over_inverse):
-        axes.grid(**_GRID)
+        axes.grid(**GRID)
         axes.spines[["top", "right"]].set_visible(False)
     over_depth.legend(frameon=False, title="line: on the axis; dots: target", fontsize=9)
     return figure
@@ -121,7 +118,7 @@ def _draw_sheet(axes: Axes, sheet: Sheet, width: int) -> None:
     for view in sheet.rig or ():
         for line in view.region.outline:
             axes.plot(*line.T, color="#999999", linewidth=0.8)
-    colours = np.array([*VIEW_COLOURS, _DIRECT])[np.where(sheet.views < 0, -1, sheet.views % len(VIEW_COLOURS))]
+    colours = np.array([*VIEW_COLOURS, RED])[np.where(sheet.views < 0, -1, sheet.views % len(VIEW_COLOURS))]
     edge, size = ("none", 9) if sheet.photograph is None else ("white", 22)  # dots must show on black and on white
     x, y = sheet.pixels.T
     axes.scatter(x, y, s=size, c=colours, edgecolors=edge, linewidths=0.8, zorder=3)
@@ -133,7 +130,7 @@ def _draw_sheet(axes: Axes, sheet: Sheet, width: int) -> None:
     scale = _ARROW * width / unit
     arrows = axes.quiver(
         *sheet.pixels.T, *(sheet.residuals * scale).T,
-        color="#cc0000", angles="xy", scale_units="xy", scale=1, width=0.0025, headwidth=4, zorder=4,
+        color=RED, angles="xy", scale_units="xy", scale=1, width=0.0025, headwidth=4, zorder=4,
     )  # fmt: skip
     axes.quiverkey(arrows, 0.05, -0.04, _ARROW * width, f"observed - predicted, {unit:g} px", labelpos="E")
 
@@ -153,14 +150,14 @@ def ray_map_picture(setup: Setup, rig: Rig | None = None, view: int = 0) -> Figu
     figure = Figure(figsize=(13.5, 5.6), dpi=110, layout="constrained")
     whole, near = figure.subplots(1, 2, width_ratios=[3, 2])
     _draw_way(whole, setup, rig, view, camera, cut)
-    _draw_meeting(near, rig[view], camera, cut, line_colour(view))
+    _draw_meeting(near, rig[view], camera, cut, view_colour(view))
     whole.set_title(f"{rig[view].name}: axis ray and boundary ray (across is enlarged)", fontsize=10)
     near.set_title(
         f"where they meet, {camera.gap:.3f} mm apart;\nthin: more rays of the view, extended back", fontsize=10
     )
     for axes in (whole, near):
         axes.set(xlabel="z (mm)", ylabel="across (mm)")
-        axes.grid(**_GRID)
+        axes.grid(**GRID)
         axes.spines[["top", "right"]].set_visible(False)
     return figure
 
@@ -172,7 +169,7 @@ def _draw_way(axes, setup, rig, view, camera, cut):
     if len(section):
         axes.fill(*cut.flat(solid.in_rig(section)).T, facecolor=GLASS, edgecolor="#20506f", linewidth=1.0)
     end = 1.7 * float(np.nanmax(camera.trails[..., 2]))
-    colour, centre = line_colour(view), cut.flat(camera.centre)
+    colour, centre = view_colour(view), cut.flat(camera.centre)
     for trail, direction, letters in zip(camera.trails, camera.directions, ("KJS", "MNL"), strict=True):
         last = trail[-1] + direction * (end - trail[-1, 2]) / direction[2]
         way = cut.flat(np.vstack([trail, last]))
@@ -198,12 +195,12 @@ def _draw_meeting(axes, view, camera, cut, colour):
     deep = span / max(abs(np.ptp(_slopes(flat))), 1e-3) * 1.2
     z = middle[0] + np.array([-deep, deep])
     for start, next_ in zip(flat[1], flat[0], strict=True):
-        axes.plot(z, _line(start, next_, z), color="#bbbbbb", linewidth=0.7)
+        axes.plot(z, _line(start, next_, z), color=LIGHT_GREY, linewidth=0.7)
     for trail, direction, name in zip(camera.trails, camera.directions, ("axis ray", "boundary ray"), strict=True):
         a, b = cut.flat(trail[-1]), cut.flat(trail[-1] + direction)
         line = "-." if name == "axis ray" else "-"
         axes.plot(z, _line(a, b, z), color=colour, linestyle=line, linewidth=1.6, label=name)
-    axes.plot(*cut.flat(camera.segment).T, color="#cc0000", linewidth=2.0)
+    axes.plot(*cut.flat(camera.segment).T, color=RED, linewidth=2.0)
     axes.plot(*middle, "o", color="black", markersize=5, label="virtual centre F'")
     axes.set_xlim(*z)
     axes.set_ylim(middle[1] - span, middle[1] + span)

@@ -51,11 +51,13 @@ def matches_picture(photograph: np.ndarray, rig: Rig, matches: Matches) -> Figur
             x, y, c=np.repeat(depth, len(rig))[seen], s=26 if few else 9, cmap=_SHADES, vmin=low, vmax=high,
             edgecolors="black", linewidths=0.6 if few else 0.25, zorder=3,
         )  # fmt: skip
-        figure.colorbar(dots, ax=axes, label="depth Z (mm)", fraction=0.035, pad=0.01)
+        scale = figure.colorbar(dots, ax=axes, label="depth Z (mm)", fraction=0.035, pad=0.01)
+        scale.ax.ticklabel_format(axis="y", useOffset=False)
     if few:
         _draw_numbers(axes, matches)
     refused = f", {len(matches.refused):,} refused as ambiguous (crosses)" if len(matches.refused) else ""
-    axes.set_title(f"{len(matches):,} points matched in {len(rig)} views{refused}", fontsize=10)
+    points = "point" if len(matches) == 1 else "points"
+    axes.set_title(f"{len(matches):,} {points} matched in {len(rig)} views{refused}", fontsize=10)
     axes.set_xlim(-0.5, width - 0.5)
     axes.set_ylim(height - 0.5, -0.5)
     axes.set_axis_off()

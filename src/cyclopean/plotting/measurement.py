@@ -18,6 +18,7 @@ GRADE_COLOURS = {"good": "#00c27a", "check": "#ffb000", "refused": "#ff5a3c"}
 """Colours of the words; the words themselves stand beside them."""
 
 _WAITING = "#40d0ff"
+_ABOVE = 6  # of marks: over the numbers of the sub-images
 _HALO = [withStroke(linewidth=3, foreground="black")]
 
 
@@ -33,7 +34,7 @@ def measurement_picture(
 
 def draw_measurements(axes: Axes, measurements: Sequence[Measurement], values: Sequence[str]) -> None:
     """Draw measurements on axes that show the photograph."""
-    taken: list[np.ndarray] = []
+    taken = _marks(axes, measurements)
     for number, (found, value) in enumerate(zip(measurements, values, strict=True), 1):
         colour = GRADE_COLOURS[found.grade]
         places = np.array([point.pixel for point in found.given])
@@ -49,12 +50,24 @@ def draw_measurements(axes: Axes, measurements: Sequence[Measurement], values: S
 def draw_points(axes: Axes, given: Sequence[ImagePoint], located: Located, colour: str = _WAITING) -> None:
     """Round marks where points were given, crosses where they were found, squares where a person put them."""
     for point, pixels in zip(given, located.pixels, strict=True):
-        axes.plot(*point.pixel, "o", ms=6, mfc=colour, mec="black", mew=1)
+        axes.plot(*point.pixel, "o", ms=6, mfc=colour, mec="black", mew=1, zorder=_ABOVE)
         by_hand = np.array(point.by_hand).reshape(-1, 2)
-        axes.plot(*by_hand.T, "s", ms=8, mfc="none", mec=colour, mew=1.6, path_effects=_HALO)
+        axes.plot(*by_hand.T, "s", ms=8, mfc="none", mec=colour, mew=1.6, path_effects=_HALO, zorder=_ABOVE, ls="")
         away = np.linalg.norm(pixels - np.array(point.pixel), axis=-1) > 1e-9
         found = pixels[np.isfinite(pixels[:, 0]) & away]
-        axes.plot(*found.T, "x", ms=7, mec=colour, mew=1.8, path_effects=_HALO, ls="")
+        axes.plot(*found.T, "x", ms=7, mec=colour, mew=1.8, path_effects=_HALO, ls="", zorder=_ABOVE)
+
+
+def _marks(axes, measurements):
+    """Boxes (left, top, right, bottom) px around all marks: no label may cover them."""
+    half = 0.011 * np.ptp(axes.get_xlim())
+    places = [
+        np.array(place)
+        for found in measurements
+        for group in (*found.located.pixels, *((point.pixel, *point.by_hand) for point in found.given))
+        for place in group
+    ]
+    return [np.concatenate([place - half, place + half]) for place in places if np.isfinite(place).all()]
 
 
 def _lines(kind: str, count: int) -> list[list[int]]:

@@ -8,9 +8,7 @@ from matplotlib.figure import Figure
 
 from ..geometry import as_rgb
 from ..rigs import Rig
-
-VIEW_COLOURS = ("#e69f00", "#56b4e9", "#009e73", "#f0e442", "#d55e00", "#cc79a7", "#0072b2", "#999999")
-"""Colours of the views: Okabe and Ito's, which colour-blind people can tell apart."""
+from .colours import VIEW_COLOURS
 
 _DRAWN_POINTS = 40_000  # more do not show
 

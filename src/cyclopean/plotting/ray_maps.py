@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from ..optics import Mirrors, Prism
 from ..optics.footprints import meeting_points
 from ..rigs import Rig, Setup
-from .ray_parts import DIMENSION, MIRROR, SketchedCamera, line_colour, sketched_cameras, solid_of
+from .colours import view_colour
+from .ray_parts import DIMENSION, MIRROR, SketchedCamera, sketched_cameras, solid_of
 from .rays import close_up, drawn_depths, side_view
 
 _EDGE = "#20506f"
@@ -52,7 +53,7 @@ def front_view(axes: Axes, setup: Setup, rig: Rig | None = None) -> None:
         for outline in view.region.outline:
             points = meeting_points(path, view.camera.rays(outline))[:, surface]
             points = points[np.isfinite(points).all(-1)]
-            axes.fill(points[:, 0], points[:, 1], color=line_colour(k), alpha=0.35, linewidth=0, zorder=2)
+            axes.fill(points[:, 0], points[:, 1], color=view_colour(k), alpha=0.35, linewidth=0, zorder=2)
         middle = meeting_points(path, view.camera.rays(view.region.centre))[surface]
         axes.annotate(f"{k}", middle[:2], ha="center", va="center", weight="bold", color=DIMENSION, zorder=5)
     axes.plot(0, 0, "+", color="black", markersize=10, zorder=6)
@@ -96,7 +97,7 @@ def space_view(axes, setup: Setup, rig: Rig, cameras: list[SketchedCamera | None
     for k, camera in enumerate(cameras):
         if camera is None:
             continue
-        colour = line_colour(k)
+        colour = view_colour(k)
         for trail, direction in zip(camera.trails, camera.directions, strict=True):
             ahead = (until - trail[-1, 2]) / direction[2] if direction[2] > 0.2 else 0.4 * until
             way = np.vstack([trail, trail[-1] + max(ahead, 0.0) * direction])
@@ -198,17 +199,17 @@ def _draw_meeting(crossing: Axes, gap: Axes, cameras: list[SketchedCamera | None
         for direction, end, style in zip((axis, boundary), camera.segment, ("-.", "--"), strict=True):
             line = end + np.array([[-reach], [reach]]) * direction - camera.centre
             for axes, across in ((crossing, side), (gap, upright)):
-                (drawn,) = axes.plot(line @ axis, line @ across, style, color=line_colour(k))
+                (drawn,) = axes.plot(line @ axis, line @ across, style, color=view_colour(k))
                 drawn.set_linewidth(max(3.0 - 0.6 * k, 0.8))
         ends = camera.segment - camera.centre
         gap.plot(
             ends @ axis,
             ends @ upright,
-            color=line_colour(k),
+            color=view_colour(k),
             linewidth=max(5 - k, 1),
             label=f"{k}: {camera.gap:.4f} mm",
         )
-        crossing.plot(0, 0, "o", color=line_colour(k))
+        crossing.plot(0, 0, "o", color=view_colour(k))
     largest = max((camera.gap for _, camera in known), default=0.0)
     crossing.set(xlabel="along the virtual axis (mm)", ylabel="across it (mm)", aspect="equal", xlim=(-reach, reach))
     crossing.set_title("the two rays extended back: dash-dot the axis ray, dashed the boundary ray", fontsize=10)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
 
 from ..errors import OpticError, SetupError
 from ..optics import Prism
@@ -14,7 +13,6 @@ from ..optics.footprints import meeting_points
 from ..optics.solid import PrismSolid, prism_solid
 from ..rigs import Rig, Setup, ViewLike
 from ..rigs.virtual import boundary_pixel, sketched
-from .pictures import VIEW_COLOURS
 
 GLASS, MIRROR, DIMENSION = "#bcdcf0", "#6b7a86", "#333333"
 _IN_PLANE = np.deg2rad(12.0)  # sub-images off the plane by less are drawn in it
@@ -99,13 +97,6 @@ def drawing_plane(setup: Setup, plane: str | float = "facet") -> DrawingPlane:
     if not np.isfinite(plane):
         raise SetupError(f"the azimuth of a drawing's plane must be a number of rad, got {plane}")
     return DrawingPlane(float(plane))
-
-
-def line_colour(view: int) -> tuple[float, ...]:
-    """Colour of a view's lines: its own, darker where it would not show on white."""
-    colour = np.array(to_rgb(VIEW_COLOURS[view % len(VIEW_COLOURS)]))
-    brightness = colour @ [0.3, 0.59, 0.11]
-    return tuple(colour * min(1.0, 0.6 / brightness))
 
 
 def bundle(setup: Setup, rig: Rig, view: int, plane: DrawingPlane, count: int) -> Bundle:

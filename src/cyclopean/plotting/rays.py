@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from ..errors import OpticError, SetupError
 from ..optics import Mirrors, Plate, Prism
 from ..optics.surfaces import Interface
 from ..rigs import Rig, Setup
+from .colours import LIGHT_GREY, view_colour
 from .ray_parts import (
     DIMENSION,
     GLASS,
@@ -22,7 +24,6 @@ from .ray_parts import (
     bundle,
     draw_camera,
     drawing_plane,
-    line_colour,
     measure,
     sketched_cameras,
     solid_of,
@@ -31,7 +32,7 @@ from .ray_parts import (
 _FIELD_GRID = (141, 401)  # points along z and across
 _COARSE = 4  # of these points, one in so many is looked at first
 _WIDTH = 11.0  # inches of a figure
-_FACTS = 7  # lines of text at most
+_FACTS = 8  # lines of text at most
 _FIELD_SHADES = ("#e6f2e2", "#a9d3a0")  # seen by two views at least, by all
 
 
@@ -309,7 +310,7 @@ def _mirror_cut(low, high, along_u, along_v):
 
 
 def _draw_bundle(axes, one: Bundle, camera: SketchedCamera | None, cut, until):
-    colour, tone = line_colour(one.view), 1.0 if one.in_plane else 0.35
+    colour, tone = view_colour(one.view), 1.0 if one.in_plane else 0.35
     flat = cut.flat(one.trails)
     ends = cut.flat(_ends(one.trails[:, -1], one.directions, until))
     for way, end in zip(flat, ends, strict=True):
@@ -326,16 +327,13 @@ def _draw_bundle(axes, one: Bundle, camera: SketchedCamera | None, cut, until):
 
 def _draw_cameras(axes, setup, rig, cut, cameras, bundles, size):
     lens = setup.camera
-    extent = (
-        abs(lens.size[0] * np.cos(cut.azimuth)) / lens.focal[0],
-        abs(lens.size[1] * np.sin(cut.azimuth)) / (lens.focal[1]),
-    )
+    extent = np.abs(np.multiply([np.cos(cut.azimuth), np.sin(cut.azimuth)], lens.size) / lens.focal)
     half = np.arctan(min(e for e in extent if e > 1e-9) / 2 if min(extent) < 1e-9 else max(extent) / 2)
     for camera, one in zip(cameras, bundles, strict=True):
         if camera is None or np.linalg.norm(camera.centre) < 1e-6:
             continue
         angle = np.arccos(np.clip(camera.directions[0] @ camera.directions[1], -1, 1))
-        tone = (*line_colour(one.view), 1.0 if one.in_plane else 0.4)
+        tone = to_rgba(view_colour(one.view), 1.0 if one.in_plane else 0.4)
         draw_camera(axes, cut.flat(camera.centre), cut.flat(camera.axis), size, angle, tone)
     draw_camera(axes, np.zeros(2), [1.0, 0.0], 1.3 * size, half, "black", real=True)
 
@@ -360,7 +358,7 @@ def _draw_dimensions(axes, setup, rig, cut, cameras, bundles, half, size, until)
             _draw_angle(axes, first, cut.flat(cameras[pair[0]].axis), second, cut.flat(cameras[pair[1]].axis), until)
     text = "\n".join(_facts(setup, cameras))
     if text:
-        box = {"facecolor": "white", "edgecolor": "#bbbbbb", "alpha": 0.9, "pad": 3}
+        box = {"facecolor": "white", "edgecolor": LIGHT_GREY, "alpha": 0.9, "pad": 3}
         axes.text(0.995, 0.985, text, transform=axes.transAxes, ha="right", va="top", fontsize=8, bbox=box, zorder=9)
 
 
@@ -370,9 +368,9 @@ def _draw_angle(axes, first, first_axis, second, second_axis, until):
     if abs(np.linalg.det(steps)) < 1e-6:
         return
     crossing = first + np.linalg.solve(steps, second - first)[0] * first_axis
-    radius = 0.6 * (until - crossing[0])
     if not 0 < crossing[0] < until:
         return
+    radius = 0.6 * (until - crossing[0])
     start, end = (np.arctan2(axis[1], axis[0]) for axis in (first_axis, second_axis))
     turn = np.linspace(start, end, 60)
     arc = crossing + radius * np.stack([np.cos(turn), np.sin(turn)], -1)
@@ -390,6 +388,7 @@ def _facts(setup, cameras):
     if isinstance(optic, Plate):
         lines.append(f"thickness {optic.thickness:g} mm, tilt {np.linalg.norm(optic.tilt_deg):.4g}°")
     known = [(k, camera) for k, camera in enumerate(cameras) if camera is not None]
+    lines += ["virtual cameras by ray sketch (middle):"] if len(known) > 1 else []
     for i, (j, first) in enumerate(known):
         for k, second in known[i + 1 :]:
             sine = np.linalg.norm(np.cross(first.axis, second.axis))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +11,13 @@ from matplotlib.figure import Figure
 from ..errors import OpticError, SetupError
 from ..geometry import Rays
 from ..optics import Mirrors, Plate, Prism
+from ..optics.dimensions import ClearAperture, clear_aperture
 from ..rigs import Setup
 from .workshop_sheet import MARGIN, SCALES, SHEETS, TITLE_SIZE, Sheet, scale_text, title_block
 
 TABLES_TOP = 60.0  # mm above the sheet's lower edge: what stands above is the drawing
 COLUMN = 88.0  # mm, of the column at the right, above the title block
+LEAST_RIM = 1.5  # mm: a rim that does not chip
 
 
 @dataclass(frozen=True)
@@ -31,11 +34,15 @@ class Tolerances:
     chamfer: float = 0.3  # mm, at 45 degrees, of the rim
     sharpness: float = 0.05  # mm, chips at the edges between facets and at the apex
     coating: str | None = None  # None: against reflections, at the setup's wavelength
+    index: float = 0.0005  # of the material's index
 
     def __post_init__(self):
-        for name in ("angle_arcmin", "azimuth_arcmin", "thickness", "diameter", "centring", "flatness_waves"):
+        positive = "angle_arcmin", "azimuth_arcmin", "thickness", "diameter", "centring", "flatness_waves", "index"
+        for name in positive:
             if not 0 < getattr(self, name) < np.inf:
                 raise SetupError(f"the tolerance {name} must be a positive number, got {getattr(self, name)}")
+        if not re.fullmatch(r"\d+-\d+", self.scratch_dig):
+            raise SetupError(f"scratch-dig wants two numbers, such as 40-20, got {self.scratch_dig!r}")
         for name in ("chamfer", "sharpness"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise SetupError(f"{name} must be a number of mm, 0 or more, got {getattr(self, name)}")
@@ -121,6 +128,66 @@ def aperture_margin(setup: Setup) -> float:
     image = setup.camera.focal[0] * pitch
     pupil = 1 / (1 / image + 1 / setup.focus_distance) / setup.f_number
     return float(pupil / 2 * max(1 - distance / setup.focus_distance, 0.0))
+
+
+def light_aperture(setup: Setup) -> ClearAperture:
+    """How large the faces of a setup's prism must be for its camera, the open lens included."""
+    prism, width, height = setup.optic, *setup.camera.size
+    assert isinstance(prism, Prism)
+    inner = np.stack(np.meshgrid(np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9)), -1).reshape(-1, 2)
+    border, inside = border_rays(setup), setup.camera.rays(inner)
+    rays = Rays(
+        np.concatenate([border.origins, inside.origins]), np.concatenate([border.directions, inside.directions])
+    )
+    return clear_aperture(prism, setup.wavelength_nm, rays).widened(aperture_margin(setup))
+
+
+def face_text(radius: float, limit: float | None) -> str:
+    """What a face needs for light that reaches `radius` mm from its middle, when it ends at `limit` mm."""
+    if np.isnan(radius):
+        return "the camera looks past it"
+    if radius == np.inf or (limit is not None and radius >= limit):
+        return "whole face"
+    return f"Øe {round_up(2 * radius):.1f}"
+
+
+def picture_warning(setup: Setup, aperture: ClearAperture) -> str:
+    """What of the picture a prism is too small for; empty where it is large enough."""
+    limit = getattr(setup.optic, "radius", None)
+    if np.isnan(aperture.radius):
+        return "The camera looks past the prism."
+    if aperture.radius == np.inf:
+        return "The picture looks past the facets, which would end there: it needs a larger and thicker prism."
+    if limit is not None and aperture.radius > limit:
+        return f"The picture would need Ø{round_up(2 * aperture.radius):.1f}: this outline cuts its corners."
+    return ""
+
+
+def sharp_edge_advice(prism: Prism, aperture: ClearAperture) -> str:
+    """What to change where facets run on until they cut the flat face."""
+    start = "A sharp outer edge cannot be made, it chips: give the setup a radius_mm"
+    thickness, slope = prism.thickness, float(np.tan(prism.facet_angles()[0].max()))
+    radius = np.floor((thickness - LEAST_RIM) / slope)
+    if not np.isfinite(aperture.radius):
+        return f"{start} and a rim of {LEAST_RIM:g} mm or more."
+    if radius >= max(aperture.radius, 1.0):
+        return f"{start}; {radius:g} leaves a rim of {thickness - radius * slope:.1f} mm."
+    radius = np.ceil(aperture.radius)
+    return f"{start}; {radius:g} for this camera, with thickness_mm {round_up(radius * slope + LEAST_RIM):.1f}."
+
+
+def check_chamfer(tolerances: Tolerances, room: float, where: str) -> None:
+    """Refuse a chamfer that leaves nothing of an edge that is `room` mm thick."""
+    if tolerances.chamfer and tolerances.chamfer >= room:
+        raise SetupError(
+            f"a chamfer of {tolerances.chamfer:g} mm does not fit {where}, which is {room:.3g} mm thick: make it "
+            "smaller, 0 for none, or the optic thicker"
+        )
+
+
+def round_up(length: float) -> float:
+    """A length rounded up to a tenth of a mm."""
+    return float(np.ceil(length * 10 - 1e-6) / 10)
 
 
 def start_sheet(

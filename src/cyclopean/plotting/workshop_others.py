@@ -16,6 +16,7 @@ from .workshop import (
     Tolerances,
     aperture_margin,
     border_rays,
+    check_chamfer,
     material_rows,
     notes,
     place_of_tables,
@@ -34,6 +35,7 @@ def draw_plate(setup: Setup, page: Page, tolerances: Tolerances) -> Figure:
     assert isinstance(plate, Plate)
     needed = np.ceil(20 * (_plate_reach(setup) + aperture_margin(setup))) / 10
     radius = plate.radius or float(np.ceil(0.6 * needed))
+    check_chamfer(tolerances, plate.thickness / 2, "half the rim")
     material = material_rows(plate, setup.wavelength_nm)
     sheet, scale = start_sheet(
         page, "Plate", material[0], (2 * radius + plate.thickness, 2 * radius), _PLATE_ROOM, column=8.0
@@ -71,16 +73,14 @@ def _draw_plate_section(sheet: Sheet, corner, radius, thickness, scale, toleranc
     sheet.line([corner - [6, 0], corner + np.array([scale * thickness + 6, 0])], "centre")
     low, high = box[0, 1], box[2, 1]
     text = f"Ø{length_text(2 * radius, tolerances.diameter)}  +0 / -{tolerances.diameter:g}"
-    sheet.dimension((corner[0], low), (corner[0], high), text, corner[0] - 11, upright=True)
+    sheet.dimension((corner[0], low), (corner[0], high), text, corner[0] - 14, upright=True)
     sheet.dimension(
         box[0], box[1], f"{length_text(thickness, tolerances.thickness)} ± {tolerances.thickness:g}", low - 9
     )
-    for text, x, way in (("1", corner[0], -1.0), ("2", box[1, 0], 1.0)):
+    for text, x, way in (("S1", corner[0], -1.0), ("S2", box[1, 0], 1.0)):
         tip = np.array([x, corner[1] + 0.4 * scale * radius])
         sheet.line([tip, tip + np.array([6 * way, 4])], "thin")
-        sheet.text(
-            tip + np.array([8 * way, 5]), text, 2.2, bbox={"boxstyle": "circle,pad=0.15", "fc": "white", "lw": 0.5}
-        )
+        sheet.balloon(tip + np.array([8 * way, 5]), text)
 
 
 def _draw_plate_table(sheet, setup, needed, material, tolerances, page):
@@ -89,12 +89,16 @@ def _draw_plate_table(sheet, setup, needed, material, tolerances, page):
     volume = np.pi * (plate.radius or np.ceil(0.6 * needed)) ** 2 * plate.thickness / 1000
     mass = f", mass {page.density * volume:.3g} g" if page.density else ""
     rows = [
-        ["surface 1", "material", "surface 2"],
+        ["S1", "material", "S2"],
         [f"plane, Øe {needed:.1f}", material[0], f"plane, Øe {needed:.1f}"],
         [polish["form"], material[1], polish["form"]],
-        [polish["surface"], "0/10  (10 nm/cm)", polish["surface"]],
-        [polish["coating"], f"volume {volume:.4g} cm^3{mass}", polish["coating"]],
-        [f"rim: chamfer {tolerances.chamfer:g} x 45°", "", f"parallel to 1 within {tolerances.angle_arcmin:g}'"],
+        [polish["surface"], f"index ± {tolerances.index:g}", polish["surface"]],
+        [polish["coating"], "0/10  (10 nm/cm)", polish["coating"]],
+        [
+            f"rim: chamfer {tolerances.chamfer:g} x 45°",
+            f"volume {volume:.4g} cm^3{mass}",
+            f"parallel to S1 within {tolerances.angle_arcmin:g}'",
+        ],
     ]
     bottom = sheet.table((left, TABLES_TOP - 2), (free / 3,) * 3, rows)
     tilt = ", ".join(f"{angle:g}" for angle in plate.tilt_deg)
@@ -166,7 +170,7 @@ def _mirror_corners(mirror, half):
 def _draw_mirror(sheet, k, corners, name):
     sheet.fill(corners, "#e4e8ec")
     sheet.line(np.vstack([corners, corners[:1]]), name=name)
-    sheet.text(corners.mean(0), str(k), 3.0, bbox={"boxstyle": "circle,pad=0.15", "fc": "white", "lw": 0.5})
+    sheet.balloon(corners.mean(0), str(k), 3.0)
 
 
 def _draw_pinhole(sheet, place):

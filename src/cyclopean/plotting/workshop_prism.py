@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..optics import Prism
-from ..optics.dimensions import ClearAperture, PrismDimensions, clear_aperture, prism_dimensions
-from ..optics.solid import PrismSolid, prism_solid, seam_directions
 from ..rigs import Setup
-from .ray_parts import reach_along_ridge
 from .workshop import (
     COLUMN,
     TABLES_TOP,
     Page,
     Tolerances,
-    aperture_margin,
-    border_rays,
+    check_chamfer,
+    face_text,
     material_rows,
     notes,
+    picture_warning,
     place_of_tables,
+    round_up,
+    sharp_edge_advice,
     start_sheet,
     surface_rows,
 )
-from .workshop_sheet import MARGIN, TITLE_SIZE, Sheet, degrees_text, length_text
+from .workshop_edge import draw_cut_mark, draw_edge
+from .workshop_part import Part, part_of
+from .workshop_sheet import MARGIN, TITLE_SIZE, Sheet, degrees_text, length_text, text_length
 from .workshop_view import draw_in_space
 
 _ROOM = (104.0, 34.0)  # mm beside and above the views for dimensions
@@ -34,25 +33,11 @@ _RING = 1.1  # times the outline: a clear aperture that is larger is not drawn
 _DIMENSIONED = 4  # with more facets their azimuths stand in the table alone
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """A prism with all that its drawing states; azimuths are turned so that facet 0 looks up."""
-
-    prism: Prism
-    solid: PrismSolid
-    measures: PrismDimensions
-    aperture: ClearAperture
-    turn: float  # rad, by which the prism is turned about its axis
-
-    def front(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 3) of the workshop's frame, seen onto the facets, (..., 2) mm."""
-        c, s = np.cos(self.turn), np.sin(self.turn)
-        return np.asarray(points)[..., :2] @ np.array([[c, s], [-s, c]])
-
-
 def draw_prism(setup: Setup, page: Page, tolerances: Tolerances, width: float | None) -> Figure:
     """The drawing of a setup's prism; see `workshop.workshop_drawing`."""
-    part = _part(setup, width)
+    part = part_of(setup, width)
+    if part.prism.radius is not None:
+        check_chamfer(tolerances, part.measures.rim[0], "the thinnest place of the rim")
     outline = part.front(part.solid.vertices)
     low, high = outline.min(0), outline.max(0)
     extent = high - low + [part.prism.thickness, 0.0]
@@ -63,7 +48,7 @@ def draw_prism(setup: Setup, page: Page, tolerances: Tolerances, width: float | 
     origin = np.array([MARGIN + 20.0, area / 2 + 1.0]) - scale * np.array([low[0], (low[1] + high[1]) / 2])
     _draw_front(sheet, part, origin, scale, tolerances)
     _draw_section(sheet, part, np.array([origin[0] + scale * high[0] + 30.0, origin[1]]), scale, tolerances)
-    lowest = _draw_edge(sheet, part, scale)
+    lowest = draw_edge(sheet, part, scale)
     rows = min(part.prism.facets, _LISTED) + (part.prism.facets > _LISTED)
     room = lowest - (MARGIN + TITLE_SIZE[1] + 20 + 4.6 * rows)
     if room > 30:
@@ -74,22 +59,7 @@ def draw_prism(setup: Setup, page: Page, tolerances: Tolerances, width: float | 
     return sheet.figure
 
 
-def prism_width(setup: Setup) -> float:
-    """Length (mm) along the ridge of a biprism without a radius: what the camera's light needs, and a fifth more."""
-    return float(np.ceil(2.4 * reach_along_ridge(setup, setup.rig())))
-
-
-def _part(setup, width):
-    prism = setup.optic
-    if prism.facets == 2 and prism.radius is None and width is None:
-        width = prism_width(setup)
-    measures = prism_dimensions(prism, width)
-    needed = clear_aperture(prism, setup.wavelength_nm, border_rays(setup)).widened(aperture_margin(setup))
-    solid = prism_solid(prism, tolerance=0.005, width=width)
-    return _Part(prism, solid, measures, needed, float(np.pi / 2 - measures.facet_azimuths[0]))
-
-
-def _draw_front(sheet: Sheet, part: _Part, origin, scale, tolerances):
+def _draw_front(sheet: Sheet, part: Part, origin, scale, tolerances):
     outline = part.front(part.solid.vertices[part.solid.faces[0]])
     low, high = outline.min(0), outline.max(0)
     if part.prism.radius is not None:
@@ -98,34 +68,43 @@ def _draw_front(sheet: Sheet, part: _Part, origin, scale, tolerances):
     closed = np.vstack([outline, outline[:1]]) * scale + origin
     sheet.fill(closed)
     sheet.line(closed, name="outline")
-    apex = np.array([0.0, 0.0, part.prism.thickness])
-    for k, foot in enumerate(_feet(part)):
-        sheet.line(part.front(np.array([apex, foot])) * scale + origin, name=f"edge-{k}")
+    for k, foot in enumerate(part.feet):
+        sheet.line(part.front(np.array([part.apex, foot])) * scale + origin, name=f"edge-{k}")
     reach = part.prism.radius or float(np.min(np.abs([low[1], high[1]])))
     crowded = part.prism.facets > _DIMENSIONED
-    letters = min(3.5, 1.6 * reach * scale / part.prism.facets)
+    letters = min(2.0 if crowded else 2.8, 1.2 * reach * scale / part.prism.facets)
     for k, azimuth in enumerate(part.measures.facet_azimuths + part.turn):
-        place = origin + (0.78 if crowded else 0.62) * reach * scale * np.array([np.cos(azimuth), np.sin(azimuth)])
-        aside = np.array([np.sin(azimuth), -np.cos(azimuth)]) * (0.0 if crowded else 4.5)  # of the centre line
-        sheet.text(place + aside, str(k), letters, bbox={"boxstyle": "circle,pad=0.15", "fc": "white", "lw": 0.5})
+        place = origin + (0.87 if crowded else 0.62) * reach * scale * np.array([np.cos(azimuth), np.sin(azimuth)])
+        side = 0.0 if crowded else -5.0 if k == 1 else 5.0  # beside the centre line, away from section C-C
+        sheet.balloon(place + side * np.array([np.sin(azimuth), -np.cos(azimuth)]), f"F{k}", letters)
     for ends in ([[low[0] * scale - 4, 0], [high[0] * scale + 4, 0]], [[0, low[1] * scale - 4], [0, high[1] * scale]]):
         sheet.line(origin + np.array(ends), "centre")
     _draw_apertures(sheet, part, origin, scale)
     _draw_cutting_plane(sheet, origin, low[1] * scale, high[1] * scale)
+    draw_cut_mark(sheet, part, origin, scale, 0.25 * reach * scale)
     if 2 < part.prism.facets <= _DIMENSIONED:
-        _draw_azimuth(sheet, part, origin, reach * scale, tolerances)
+        _draw_azimuth(sheet, part, origin, reach * scale, high[1] * scale, tolerances)
     _draw_sides(sheet, part, origin, scale, low, high, tolerances)
     sheet.text((origin[0], origin[1] + high[1] * scale + 22), "seen onto the facets", 1.8)
 
 
-def _draw_azimuth(sheet, part, origin, reach, tolerances):
-    """The angle between the normals of facets 0 and 1, around the axis."""
+def _draw_azimuth(sheet, part, origin, reach, top, tolerances):
+    """The angle between the normals of facets 0 and 1, around the axis; the outline reaches `top` mm up."""
     first, second = np.degrees(part.measures.facet_azimuths[:2] + part.turn)
     second = first + (second - first) % 360
     text = f"{degrees_text(np.deg2rad(second - first), short=True)} ± {tolerances.azimuth_arcmin:g}'"
     way = np.array([np.cos(np.deg2rad(second)), np.sin(np.deg2rad(second))])
     sheet.line([origin, origin + reach * way], "centre")
-    sheet.angle(origin, max(0.36 * reach, 7.0), second, first, text, share=0.92)
+    radius = max(0.36 * reach, 7.0)
+    if text_length(text) < (radius + 2) * np.tan(np.pi / part.prism.facets) - 2:  # between centre line and edge
+        sheet.angle(origin, radius, second, first, text, share=0.92)
+        return
+    sheet.angle(origin, radius, second, first, "", share=0.92)
+    turn, above = np.deg2rad(first + 0.15 * (second - first)), origin + np.array([0.0, top + 11.0])
+    tip = origin + radius * np.array([np.cos(turn), np.sin(turn)])
+    sheet.line([tip, above - [13.0, 0.0]], "thin")
+    sheet.line([above - [30.0, 0.0], above - [2.0, 0.0]], "thin")
+    sheet.text(above + np.array([-16.0, 0.8]), text, va="bottom")
 
 
 def _draw_sides(sheet, part, origin, scale, low, high, tolerances):
@@ -160,7 +139,9 @@ def _draw_apertures(sheet, part, origin, scale):
     sheet.line(ring, "phantom", name="clear-aperture")
     way = np.array([np.cos(np.deg2rad(215)), np.sin(np.deg2rad(215))])
     tip = origin + scale * radius * way
-    elbow = origin + (max(part.prism.radius or radius, radius) * scale + 6) * way
+    slopes = np.tan(part.measures.facet_angles) * np.cos(part.measures.facet_azimuths + part.turn - np.deg2rad(215))
+    end = part.prism.radius or part.prism.thickness / slopes.max()  # of the glass, that way
+    elbow = origin + (max(end, radius) * scale + 6) * way
     sheet.line([tip, elbow, elbow - [3, 0]], "thin")
     sheet.arrow(tip, -way)
     sheet.text(elbow - [3.6, 0], _light_text(part), ha="right")
@@ -171,14 +152,9 @@ def _light_text(part):
     if part.prism.radius is None and part.prism.facets == 2:
         up, aside = part.aperture.half_box
         if not np.isfinite(up):
-            return _effective(up)
-        return f"light: {_up(2 * aside):.1f} x {_up(2 * up):.1f}"
-    return _effective(part.aperture.radius)
-
-
-def _effective(radius):
-    """The effective diameter of a face, as ISO 10110 writes it."""
-    return f"Øe {_up(2 * radius):.1f}" if np.isfinite(radius) else "the camera looks past it"
+            return face_text(up, None)
+        return f"light: {round_up(2 * aside):.1f} x {round_up(2 * up):.1f}"
+    return face_text(part.aperture.radius, part.prism.radius)
 
 
 def _draw_cutting_plane(sheet, origin, low, high):
@@ -191,7 +167,7 @@ def _draw_cutting_plane(sheet, origin, low, high):
         sheet.text(start + np.array([-2.2, 0]), "A", 3.5)
 
 
-def _draw_section(sheet: Sheet, part: _Part, corner, scale, tolerances):
+def _draw_section(sheet: Sheet, part: Part, corner, scale, tolerances):
     """Section A-A: flat face at the left, apex at the right; `corner` (2,) is where the axis meets the flat face."""
     thickness = part.prism.thickness
     along = np.array([np.cos(part.measures.facet_azimuths[0]), np.sin(part.measures.facet_azimuths[0]), 0.0])
@@ -216,13 +192,12 @@ def _draw_section(sheet: Sheet, part: _Part, corner, scale, tolerances):
         sheet.angle(apex, below, 270 - float(np.degrees(edge)), 270.0, f"({degrees_text(edge)})")
     sheet.text((corner[0] + scale * thickness / 2, high + 16), "A-A", 3.5)
     for text, tip, way in (
-        ("1", corner + np.array([0, 0.35 * (high - corner[1])]), (-1, 0.6)),
-        ("2", 0.75 * apex + 0.25 * _facet_end(points, corner), (1, 0.3)),
+        ("S1", corner + np.array([0, 0.35 * (high - corner[1])]), (-1, 0.6)),
+        ("S2", 0.75 * apex + 0.25 * _facet_end(points, corner), (1, 0.3)),
     ):
         elbow = tip + 8 * np.array(way) / np.hypot(*way)
         sheet.line([tip, elbow], "thin")
-        sign = {"boxstyle": "circle,pad=0.15", "fc": "white", "lw": 0.5}
-        sheet.text(elbow + np.array([1.6 * way[0], 0.8 * way[1]]), text, 2.2, bbox=sign)
+        sheet.balloon(elbow + np.array([2.2 * way[0], 0.8 * way[1]]), text)
 
 
 def _true_section(part):
@@ -243,9 +218,10 @@ def _facet_end(points, corner):
 
 def _draw_section_sizes(sheet, part, points, corner, apex, scale, tolerances):
     low, high = points[:, 1].min(), points[:, 1].max()
-    sign = "Ø" if part.prism.radius is not None else ""
-    height = f"{sign}{length_text((high - low) / scale, tolerances.diameter)}  +0 / -{tolerances.diameter:g}"
-    sheet.dimension((corner[0], low), (corner[0], high), height, corner[0] - 11, upright=True)
+    height = f"Ø{length_text((high - low) / scale, tolerances.diameter)}  +0 / -{tolerances.diameter:g}"
+    if part.prism.radius is None:  # thickness and angles say where the facets cut the flat face
+        height = f"({(high - low) / scale:.2f})"
+    sheet.dimension((corner[0], low), (corner[0], high), height, corner[0] - 14, upright=True)
     thickness = f"{length_text(part.prism.thickness, tolerances.thickness)} ± {tolerances.thickness:g}"
     sheet.dimension((corner[0], low), apex, thickness, low - (16 if part.prism.facets % 2 else 9))
     rims = [(_facet_end(points, corner), high + 8)]
@@ -257,51 +233,6 @@ def _draw_section_sizes(sheet, part, points, corner, apex, scale, tolerances):
             sheet.dimension((corner[0], end[1]), end, f"({(end[0] - corner[0]) / scale:.2f})", at)
 
 
-def _draw_edge(sheet: Sheet, part: _Part, scale) -> float:
-    """View C along edge 0: the angle between two facets in its true size. Gives the y (mm) of its lower end."""
-    seam = seam_directions(part.prism)[0]
-    foot = _feet(part)[0]
-    middle = (foot + np.array([0.0, 0.0, part.prism.thickness])) / 2
-    cut = part.solid.section(middle, seam) - middle
-    level = np.cross([0.0, 0.0, 1.0], seam)
-    level /= np.linalg.norm(level)
-    flat = np.stack([cut @ level, cut @ np.cross(seam, level)], -1)
-    flat[:, 1] *= np.sign(np.cross(seam, level)[2])
-    half = min(np.abs(flat[:, 0]).max(), (COLUMN / 2 - 7) / scale)
-    inside = np.clip(flat[:, 0], -half, half)
-    flat = _clipped(flat, half) if (inside != flat[:, 0]).any() else flat
-    depth = -flat[:, 1].min() * scale
-    peak = np.array([sheet.size[0] - MARGIN - COLUMN / 2, sheet.size[1] - MARGIN - 14.0])
-    points = peak + scale * flat
-    sheet.fill(points)
-    sheet.line(np.vstack([points, points[:1]]), name="edge-view")
-    half_angle = float(np.degrees(part.measures.dihedral_angles[0])) / 2
-    text = f"({degrees_text(part.measures.dihedral_angles[0])})"
-    sheet.angle(peak, depth + 9.0, 270 - half_angle, 270 + half_angle, text, share=0.5)
-    bottom = peak[1] - depth - 14.0
-    sheet.text(peak + np.array([0, 7.0]), "C: cut at right angles to the edge 0-1, dihedral angle", 1.8)
-    return float(bottom)
-
-
-def _clipped(polygon, half):
-    from ..geometry import clip_by_half_plane
-
-    return clip_by_half_plane(clip_by_half_plane(polygon, [1.0, 0.0], half), [-1.0, 0.0], half)
-
-
-def _feet(part):
-    """Where each edge ends at the outline, (n, 3) mm, workshop frame."""
-    seams = seam_directions(part.prism)
-    if part.prism.radius is not None:
-        steps = part.prism.radius / np.linalg.norm(seams[:, :2], axis=-1)
-    elif part.prism.facets == 2:
-        ridge = part.solid.vertices[[0, 3]] - [0.0, 0.0, part.prism.thickness]
-        steps = np.linalg.norm(ridge, axis=-1)
-    else:
-        steps = part.prism.thickness / -seams[:, 2]
-    return seams * steps[:, None] + [0.0, 0.0, part.prism.thickness]
-
-
 def _draw_facet_table(sheet, part, tolerances):
     measures, count = part.measures, part.prism.facets
     azimuth, angle = f"azimuth\n± {tolerances.azimuth_arcmin:g}'", f"to flat face\n± {tolerances.angle_arcmin:g}'"
@@ -309,10 +240,10 @@ def _draw_facet_table(sheet, part, tolerances):
     for k in range(min(count, _LISTED)):
         azimuth = np.mod(measures.facet_azimuths[k] - measures.facet_azimuths[0] + 1e-12, 2 * np.pi)
         angles = (azimuth, measures.facet_angles[k], measures.edge_angles[k], measures.dihedral_angles[k])
-        rows.append([str(k), *(degrees_text(angle if abs(angle) > 1e-9 else 0.0) for angle in angles)])
+        rows.append([f"F{k}", *(degrees_text(angle if abs(angle) > 1e-9 else 0.0) for angle in angles)])
     if count > _LISTED:
         alike = not len(part.prism.facet_deviation_deg)
-        rows.append([f"to {count - 1}", "alike, evenly" if alike else "see the mesh", "", "", ""])
+        rows.append([f"to F{count - 1}", "alike, evenly" if alike else "see the mesh", "", "", ""])
     widths = (9.0, 19.0, 18.5, 20.5, 19.0)
     top = MARGIN + TITLE_SIZE[1] + 6 + 4.6 * len(rows) + 3.2
     sheet.table((sheet.size[0] - MARGIN - sum(widths) - 1, top), widths, rows, letters=1.6)
@@ -322,41 +253,36 @@ def _draw_requirements(sheet, setup, part, page: Page, tolerances: Tolerances, m
     left, free = place_of_tables(sheet)
     polish, measures = surface_rows(setup, tolerances), part.measures
     mass = f", mass {measures.mass(page.density):.3g} g" if page.density else ""
+    volume = measures.volume / 1000
     widths = (0.32 * free, 0.32 * free, 0.36 * free)
-    flat, facets = (_effective(radius) for radius in (part.aperture.flat_face, part.aperture.facets))
+    flat, facets = (face_text(radius, part.prism.radius) for radius in (part.aperture.flat_face, part.aperture.facets))
     rim = f"rim: chamfer {tolerances.chamfer:g} x 45°, ground"
     if part.prism.radius is None:
         rim = f"outer edges: chamfer {tolerances.chamfer:g} at most"
         if part.prism.facets == 2:
             flat = facets = _light_text(part)
     rows = [
-        ["surface 1: flat face", "material", f"surface 2: {part.prism.facets} facets"],
+        ["S1: flat face", "material", f"S2: facets F0 to F{part.prism.facets - 1}"],
         [f"plane, {flat}", material[0], f"plane, {facets}"],
         [polish["form"], material[1], polish["form"]],
-        [polish["surface"], "0/10  (10 nm/cm)", polish["surface"]],
-        [polish["coating"], f"volume {measures.volume / 1000:.4g} cm^3{mass}", polish["coating"]],
-        [rim, "", f"edges and apex sharp, chips < {tolerances.sharpness:g}"],
+        [polish["surface"], f"index ± {tolerances.index:g}", polish["surface"]],
+        [polish["coating"], "0/10  (10 nm/cm)", polish["coating"]],
+        [rim, f"volume {volume:.4g} cm^3{mass}", f"edges and apex sharp, chips < {tolerances.sharpness:g}"],
     ]
     bottom = sheet.table((left, TABLES_TOP - 2), widths, rows)
-    notes(sheet, _notes(part, tolerances), bottom - 1.5)
+    notes(sheet, _notes(setup, part, tolerances), bottom - 1.5)
 
 
-def _notes(part, tolerances):
+def _notes(setup, part, tolerances):
+    azimuth = float(np.degrees(part.measures.facet_azimuths[0]))
     lines = [
         "Indications 0/ and 3/ to ISO 10110; form in fringes of 546.07 nm light. Scratch-dig to MIL-PRF-13830B.",
         f"Apex within {tolerances.centring:g} mm of the middle of the outline. Angles hold for every facet. "
         "Values in ( ) follow from the others.",
         "Facets are numbered anticlockwise, seen onto them. Øe, light: what the camera's picture needs.",
-        f"In the setup: facets towards the {part.prism.facing}, facet 0 at {part.prism.azimuth_deg:g}° in its frame.",
+        f"In the setup: facets towards the {part.prism.facing}, F0 at {azimuth:.6g}° in its frame.",
     ]
-    radius, needed = part.prism.radius, part.aperture.radius
-    if radius is not None and needed > radius:
-        lines.append(f"The picture would need Ø{_up(2 * needed):.1f}: this outline cuts its corners.")
-    if radius is None:
-        lines.append("The facets run out in a sharp edge: a round outline (radius_mm in the setup) is easier to make.")
-    return lines
-
-
-def _up(length):
-    """A length rounded up to a tenth of a mm."""
-    return np.ceil(length * 10 - 1e-6) / 10
+    lines.append(picture_warning(setup, part.aperture))
+    if part.prism.radius is None:
+        lines.append(sharp_edge_advice(part.prism, part.aperture))
+    return [line for line in lines if line]

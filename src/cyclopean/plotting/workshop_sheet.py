@@ -116,7 +116,7 @@ class Sheet:
                 self.line([point + 0.8 * step, end + 1.5 * step], "thin")
         unit = np.eye(2)[along]
         length = ends[1, along] - ends[0, along]
-        narrow, crowded = length < _NARROW, length < _text_length(text)
+        narrow, crowded = length < _NARROW, length < text_length(text)
         before, after = 7.0 * unit * narrow, 7.0 * unit * crowded
         self.line([ends[0] - before, ends[1] + after], "thin")
         self.arrow(ends[0], unit if narrow else -unit)
@@ -157,8 +157,16 @@ class Sheet:
         place = at(start_deg + share * (end_deg - start_deg))
         away = (place - corner) / radius
         aside = "left" if away[0] > 0.1 else "right" if away[0] < -0.1 else "center"
-        clear = {"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.8}
-        self.text(place + 1.4 * away, text, ha=aside, va="bottom" if away[1] > 0.1 else "top", bbox=clear)
+        self.text(place + 1.4 * away, text, ha=aside, va="bottom" if away[1] > 0.1 else "top")
+
+    def break_line(self, x: float, low: float, high: float) -> None:
+        """An upright line with a zigzag, where a part is broken off between two heights."""
+        middle, zigzag = (low + high) / 2, np.array([[0, -0.8], [-1.3, -0.4], [1.3, 0.4], [0, 0.8]])
+        self.line([[x, low - 2], *(zigzag + np.array([x, middle])), [x, high + 2]], "thin")
+
+    def balloon(self, place: ArrayLike, text: str, height: float = 2.2) -> None:
+        """The name of a face in a circle."""
+        self.text(place, text, height, bbox={"boxstyle": "circle,pad=0.15", "fc": "white", "lw": 0.5})
 
     def table(
         self, corner: tuple[float, float], widths: Sequence[float], rows: Sequence[Sequence[str]], height: float = 4.6,
@@ -239,7 +247,7 @@ def length_text(length: float, tolerance: float) -> str:
     return f"{length:.{decimals}f}"
 
 
-def _text_length(text, height=2.2):
+def text_length(text, height=2.2):
     """About how long a text is, mm."""
     return 0.85 * height * len(text) + 2.0
 

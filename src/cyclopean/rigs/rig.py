@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import OpticError
+from ..errors import OpticError, SetupError
 from ..geometry import as_points
 from .view import ViewLike
 
@@ -87,6 +87,36 @@ class Rig(Sequence):
         first = int(np.argmax(useful))
         last = first + int(np.argmin(np.append(useful[first:], False))) - 1
         return float(f"{depths[first]:.3g}"), float(f"{depths[last]:.3g}")
+
+    def check_depths(self, depths: ArrayLike) -> tuple[float, float]:
+        """A range of depths (near, far) mm as two numbers, or a SetupError that says why it is none.
+
+        The near limit must lie behind the optic's last surface. Beside a mirror there may be a scene, so with mirrors
+        it must lie behind where the mirror begins.
+        """
+        values = np.asarray(depths, dtype=float)
+        if values.shape != (2,) or not 0 < values[0] < values[1] < np.inf:
+            raise SetupError(f"a depth range is (near, far) with 0 < near < far in mm, got {values.tolist()}")
+        near, far = float(values[0]), float(values[1])
+        if near <= self._last_surface:
+            least = np.ceil(self._last_surface + 0.1)
+            raise SetupError(
+                f"the near limit {near:g} mm lies inside the optic, whose last surface is at {self._last_surface:.1f} "
+                f"mm; use {least:g} mm or more"
+            )
+        return near, far
+
+    @cached_property
+    def _last_surface(self):
+        """Depth mm before which no two views see anything: where their rays leave the optic."""
+        ends = []
+        for k, view in enumerate(self.views):
+            path = getattr(view, "path", None)
+            mirrors = path is not None and any(interface.act == "reflect" for interface in path.interfaces)
+            depths = self._sample_rays[k].origins[:, 2]
+            if np.isfinite(depths).any():
+                ends.append(float(np.nanmin(depths) if mirrors else np.nanmax(depths)))
+        return sorted(ends)[:2][-1] if ends else 0.0
 
     @cached_property
     def _sample_pixels(self):
