@@ -26,6 +26,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("errors")
     write_setup(SETUP, folder / "setup.toml")
     write_setup(replace(SETUP, optic=replace(SETUP.optic, glass=1.5168)), folder / "number.toml")
+    write_setup(replace(SETUP, optic=Prism(2, 12, "N-BK7", distance=60, thickness=8)), folder / "two.toml")
     write_setup(replace(SETUP, optic=Plate(1.5, 50, 10)), folder / "plate.toml")
     document = {
         "kind": "cyclopean calibration",
@@ -85,12 +86,18 @@ def test_a_calibration_takes_the_place_of_the_usual_tolerances(files, tmp_path, 
     assert sum(document["calibration_shares"].values()) == pytest.approx(1)
 
 
+def test_depths_without_a_common_field_are_named(files, tmp_path, monkeypatch, capsys):
+    status, said, _ = run(monkeypatch, capsys, files / "two.toml", "--depth", "68.1..400", "-o", tmp_path / "out")
+    assert status == 0
+    assert "no two views share anything at 68.1 mm: left out" in " ".join(said.split())
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (("missing.toml",), "there is no such file"),
         (("setup.toml", "--depth", "900..400"), "0 < NEAR < FAR"),
-        (("setup.toml", "--depth", "5..9"), "no two views share anything"),
+        (("setup.toml", "--depth", "5..9"), "inside the optic"),
         (("plate.toml",), "two views or more, and this plate gives 1"),
         (("setup.toml", "--tolerance", "optic.apx=1"), "did you mean optic.apex"),
         (("setup.toml", "--tolerance", "optic.apex"), "NAME=VALUE"),
@@ -103,7 +110,10 @@ def test_a_calibration_takes_the_place_of_the_usual_tolerances(files, tmp_path, 
         (("setup.toml", "--glass", "unobtainium"), "unknown medium"),
         (("setup.toml", "--mount", "cheese"), "aluminium"),
         (("setup.toml", "--mount", "1e6"), "ppm per K"),
-        (("setup.toml", "--lens-ppm", "nan"), "small number of ppm"),
+        (("setup.toml", "--mount", "23.6e-6"), "in ppm per K: 23.6"),
+        (("setup.toml", "--lens-ppm", "nan"), "number in ppm per K"),
+        (("setup.toml", "--lens-ppm", "-1e-5"), "in ppm per K: 23.6"),
+        (("setup.toml", "--depth", "10..300"), "inside the optic"),
         (("setup.toml", "--blur-px", "0"), "limit above 0"),
         (("setup.toml", "--calibration", "none.json"), "there is no such file"),
         (("setup.toml", "--calibration", "no.json"), "no calibration"),

@@ -146,14 +146,16 @@ def test_near_limit_is_the_apex_for_any_number_of_facets():
         assert FieldOfView.of(pyramid(facets)).near == pytest.approx(72.0, rel=1e-9)
 
 
-@pytest.mark.parametrize("facets", [3, 4, 5])
+@pytest.mark.parametrize("facets", [3, 4, 5, 6, 7, 8])
 def test_half_width_of_a_pyramid_is_exact_near_the_apex_and_close_far_away(facets):
-    setup = pyramid(facets, azimuth_deg=0.0 if facets == 4 else 90.0)  # borders across the middle of a facet
+    setup = pyramid(facets, azimuth_deg=90.0 if facets % 2 else 0.0)  # borders across the middle of a facet
     field, common = FieldOfView.of(setup), CommonField.of(setup.rig(0.0), 800)
     for depth, tolerance in ((73.0, 2e-4), (80.0, 2e-4), (150.0, 0.003), (900.0, 0.01), (3000.0, 0.01)):
         traced = common.sections(depth)[-1].clearance([[0.0, 0.0]])[0]
-        # near the apex what is left is sampling; farther out seams bend, by 0.7 % at gamma = 12.8 degrees
+        # near the apex what is left is sampling; farther out seams bend, by up to 0.9 % at gamma = 12.8 degrees
         assert field.half_width(depth) == pytest.approx(traced, rel=tolerance)
+        if depth == 900.0:
+            assert 0.002 < 1 - field.half_width(depth) / traced < 0.009  # too small, as documented
         if depth > 80:
             continue
         section = common.sections(depth)[-1]

@@ -105,7 +105,7 @@ def test_mirrors_have_no_closed_form_and_depths_without_a_common_field_no_mesh(f
 
 
 def test_one_view_has_its_own_field(fov):
-    folder, status, _, _ = fov(PLATE, "--depth", "100..200")
+    folder, status, _, _ = fov(PLATE, "--depth", "100..200", "--views", "1")
     assert status == 0
     assert names(folder) == PICTURES | {"volume_1.stl", "volume_1.ply"}
 
@@ -118,7 +118,8 @@ def test_one_view_has_its_own_field(fov):
         (PRISM.format(facets=3), ("--depth", "20..200"), "within the optic"),
         (PRISM.format(facets=3), ("--views", "4"), "between 1 and 3"),
         (PRISM.format(facets=3), ("--views", "0"), "between 1 and 3"),
-        (PLATE, (), "state the depth range"),
+        (PLATE, (), "two views or more, and this plate gives 1; --views 1 shows"),
+        (PLATE, ("--views", "1"), "state the depth range"),
         ("", (), "empty"),
     ],
 )

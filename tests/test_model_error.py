@@ -19,8 +19,10 @@ def biprism(apex_deg, distance):
 
 @pytest.mark.parametrize(
     ("apex_deg", "distance", "rows"),
-    [  # depth, error in the middle %, largest over the field %, largest difference of rows px, mm per px
+    [  # depth, error in the middle %, largest over the field %, largest difference of raw rows px, mm per px
         (6.4, 370.0, [(600, 0.50, 1.65, 0.06, 1.8), (1000, 0.18, 3.43, 1.0, 5.1), (1500, -0.65, 5.38, 1.9, 11.5)]),
+        (6.4, 150.0, [(300, 0.46, 2.25, 0.3, 1.1), (600, -0.56, 5.15, 1.8, 4.4), (1200, -3.3, 11.1, 2.9, 17.6)]),
+        (10.0, 150.0, [(300, 0.68, 2.49, 0.7, 0.7), (600, -0.72, 5.15, 4.5, 2.8), (1200, -4.2, 11.4, 7.3, 11.3)]),
         (15.0, 100.0, [(300, 0.17, 3.82, 6.9, 0.7), (600, -2.7, 9.0, 13.8, 2.8)]),
     ],
 )
@@ -30,7 +32,7 @@ def test_ray_sketch_of_a_biprism(apex_deg, distance, rows):
     np.testing.assert_allclose(found.middle, middle, atol=0.05)  # half of the last digit that is stated
     # 3 %: theirs is computed on a field found otherwise, and with another way to triangulate
     np.testing.assert_allclose(found.range[:, 1], largest, rtol=0.03)
-    np.testing.assert_allclose(found.largest_row, across, rtol=0.03, atol=0.05)
+    np.testing.assert_allclose(found.largest_raw_row, across, rtol=0.03, atol=0.05)
     np.testing.assert_allclose(found.mm_per_px, scale, rtol=0.05, atol=0.05)
 
 
@@ -53,6 +55,19 @@ def test_plane_mirrors_make_true_pinholes(method):
     # 1e-4 %: where the fit of the pinhole stops; a ray sketch is good to rounding
     assert np.nanmax(np.abs(found.percent)) < 1e-4
     assert np.nanmax(found.residual) < 1e-4
+    assert np.nanmax(found.rows) < 1e-4  # what is rectified has equal rows; NaN nowhere that two views see
+    np.testing.assert_array_equal(np.isnan(found.rows), np.isnan(found.residual))
+
+
+def test_rows_of_a_rectified_pair_are_those_of_cameras_turned_by_hand():
+    found = model_error(biprism(6.4, 370.0), [600.0, 1000.0], "fit")
+    first, second = found.cameras  # their baseline runs along x already, and their axes lean to either side of z
+    pixels = biprism(6.4, 370.0).rig().project(found.points)
+    rows = []
+    for k, camera in enumerate((first, second)):
+        directions = camera.rays(pixels[..., k, :]).directions
+        rows.append(np.mean(camera.camera.focal) * directions[..., 1] / directions[..., 2])
+    np.testing.assert_allclose(found.rows, np.abs(rows[0] - rows[1]), atol=1e-4)  # px: where both fits stop
 
 
 def test_a_weak_prism_is_nearly_a_pinhole():
@@ -78,7 +93,7 @@ def test_figures_are_those_of_the_points():
     np.testing.assert_allclose(found.middle, percent[:, 1, 1])
     x = found.points[..., 0]  # the field of a biprism is as wide to both sides
     np.testing.assert_allclose(x[..., 0], -x[..., 2], rtol=1e-6)
-    assert len(model_error_picture([found]).axes) == 5  # a curve, two maps, an empty place and a bar of colours
+    assert len(model_error_picture([found]).axes) == 6  # a curve, two maps, their scales of colours, an empty place
 
 
 @pytest.mark.parametrize(

@@ -152,7 +152,9 @@ def test_setups_without_depth_are_told(setup_file, tmp_path, monkeypatch, capsys
         (("--tolerance", "optic.apex=1mm"), "is in deg"),
         (("--no-usual",), "nothing to draw"),
         (("--depth", "900..500"), "NEAR < FAR"),
-        (("--depth", "1..2"), "no two views"),
+        (("--depth", "1..2"), "inside the optic"),
+        (("--no-usual", "--tolerance", "optic.apex=0"), "every tolerance is 0"),
+        (("--no-usual", "--tolerance", "optic.distance=1e6", "--photos", 0), "the tolerance of optic.distance is too"),
         (("--require", 0), "positive percentage"),
         (("--noise-px", "nan"), "pixel noise"),
         (("--photos", -2), "0 or more"),
@@ -170,6 +172,17 @@ def test_wrong_options_of_tolerance(words, said, setup_file, tmp_path, monkeypat
     assert status == 2
     assert said in " ".join(wrong.split())
     assert len(wrong.strip().splitlines()) < 4
+
+
+@pytest.mark.parametrize(("command", "few"), [("tolerance", ("--draws", 10, "--photos", 0)), ("model-error", ())])
+def test_depths_without_a_common_field_are_named(command, few, setup_file, tmp_path, monkeypatch, capsys):
+    words = (command, setup_file, *few, "-o", tmp_path / "out", "--depth")
+    status, said, wrong = run(monkeypatch, capsys, *words, "68.1..600")
+    assert (status, wrong) == (0, "")
+    assert "anything at 68.1 mm: left out" in " ".join(said.split())
+    status, _, wrong = run(monkeypatch, capsys, *words, "10..600")
+    assert status == 2
+    assert "inside the optic" in wrong
 
 
 @pytest.mark.parametrize("command", ["tolerance", "model-error"])

@@ -11,7 +11,7 @@ from setups import BENT, OPTICS, SETUPS, STRAIGHT
 from cyclopean import Camera, Prism, Setup
 from cyclopean.analysis.tolerance_calibration import CalibrationPlan, observe, usual_plan
 from cyclopean.analysis.tolerance_draws import bare_views, drawn_pixels, nearby_points, optic_pixels
-from cyclopean.analysis.tolerance_errors import DepthErrorSample
+from cyclopean.analysis.tolerance_errors import DepthErrorSample, drivers_of
 from cyclopean.analysis.tolerances import Tolerance, tolerance_analysis, usual_tolerances
 from cyclopean.calibration import calibrate
 from cyclopean.calibration.depths import working_volume
@@ -202,6 +202,26 @@ def test_quantiles_and_yield_by_counting():
     assert np.flatnonzero(sample.failed).tolist() == [5]
 
 
+def test_a_depth_at_which_all_drawn_setups_are_blind_is_failed():
+    errors = np.array([[0.1, np.nan], [0.2, np.nan], [0.1, np.nan]])
+    depths = np.array([100.0, 200.0, 300.0])  # the drawing's views share nothing at the last
+    sample = DepthErrorSample(depths, np.zeros((2, 3)), np.array([0, 1]), errors, np.ones(2))
+    np.testing.assert_array_equal(sample.passing(1.0), [1, 0, np.nan, 0])
+
+
+@pytest.mark.filterwarnings("error")
+def test_drivers_need_two_draws_and_something_that_varies():
+    errors = np.array([[0.1], [np.nan], [np.nan]])
+    sample = DepthErrorSample(np.array([100.0]), np.zeros((1, 3)), np.array([0]), errors, np.ones(1))
+    deviations = np.array([[1.0], [2.0], [3.0]])
+    one = drivers_of(("optic.apex",), deviations, sample, np.ones((1, 1)))
+    still = drivers_of(("optic.apex",), 0 * deviations, replace(sample, errors=errors[[0, 0, 0]]), np.ones((1, 1)))
+    for drivers in (one, still):
+        assert np.isnan(drivers.shares).all()
+        assert np.isnan(drivers.unexplained)
+        assert drivers.order.tolist() == [0]
+
+
 def test_calibration_leaves_what_real_calibrations_leave():
     setup = prism_setup()
     tolerances = [
@@ -295,6 +315,7 @@ def test_a_later_tolerance_replaces_an_earlier_one():
         ("normal, uniform", lambda: Tolerance("optic.apex", 1.0, "flat")),
         ("sigmas", lambda: Tolerance("optic.apex", 1.0, "truncated", 0)),
         ("no two views", lambda: tolerance_analysis(BIPRISM, SMALL, [100.0])),
+        ("no drawn setup", lambda: tolerance_analysis(BIPRISM, [*SMALL, Tolerance("optic.distance", 1e6)], draws=5)),
         ("positive numbers of mm", lambda: tolerance_analysis(BIPRISM, SMALL, [-100.0])),
         ("two views", lambda: tolerance_analysis(SETUPS["plate, straight lens"], SMALL[:0] or None, [100.0])),
         ("noise of corners", lambda: replace(PLAN, sigma=0.0)),

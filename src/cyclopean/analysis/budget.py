@@ -41,14 +41,14 @@ USUAL_TOLERANCES = (
     UsualTolerance(r"optic\.tilt_[xyz]", "tilt of the optic", np.deg2rad(0.2), "", "assumed"),
     UsualTolerance(r"optic\.shift_[xy]", "shift of the optic", 0.2, "", "assumed"),
     UsualTolerance(r"optic\.distance", "distance of the optic", 0.5, "", "assumed"),
-    UsualTolerance(r"optic\.apex", "apex angle", _ARCMIN, "", "Tensun Optics, wedge prisms"),
+    UsualTolerance(r"optic\.apex", "apex angle", _ARCMIN, "", "Tensun Optics, product page Wedge prism"),
     UsualTolerance(r"optic\.azimuth", "azimuth", 0.0, "", "the tilt about z stands for it"),
-    UsualTolerance(r"optic\.thickness", "thickness", 0.1, "", "OptoSigma, outer dimensions to 50 mm"),
+    UsualTolerance(r"optic\.thickness", "thickness", 0.1, "", "OptoSigma, Outer Dimension Tolerance"),
     UsualTolerance(
         r"optic\.facet\d+_angle", "facet angles", _ARCMIN / 2, "", "assumed, of one facet against the others"
     ),
     UsualTolerance(r"optic\.facet\d+_azimuth", "facet azimuths", 3 * _ARCMIN, "", "assumed"),
-    UsualTolerance(r"optic\.index", "glass index", 0.0005, "", "Optimax, precision grade"),
+    UsualTolerance(r"optic\.index", "glass index", 0.0005, "", "Optimax, Manufacturing Tolerance Chart, precision"),
     UsualTolerance(r"optic\.mirror\d+_tilt_[uv]", "mirror tilts", np.deg2rad(0.2), "", "assumed"),
     UsualTolerance(r"optic\.mirror\d+_advance", "mirror positions", 0.2, "", "assumed"),
 )
@@ -200,6 +200,9 @@ def error_budget(
     points = np.where(volume.common[..., None], volume.points, np.nan)
     sensitivity = point_sensitivity(setup, points, seen=volume.seen)
     notes: list[str] = []
+    empty = ~volume.common.any((1, 2))
+    if empty.any():
+        notes.append(f"no two views share anything at {', '.join(f'{z:g}' for z in volume.depths[empty])} mm: left out")
     sources = _of_tolerances(setup, sensitivity, _tolerances(setup, tolerances, covariance is None))
     within: dict[str, float] = {}
     if covariance is not None:

@@ -38,7 +38,8 @@ class ModelError:
     points: np.ndarray  # (Z, G, G, 3) mm, rows of x; the middle one is the middle of the common field
     error: np.ndarray  # (Z, G, G, 3) mm, computed minus true; NaN where fewer than two views see the point
     residual: np.ndarray  # (Z, G, G) px, rms of the reprojection error that the virtual cameras leave
-    rows: np.ndarray  # (Z, G, G) px, by how much pixels of two views differ across the direction of disparity
+    rows: np.ndarray  # (Z, G, G) px, by how much rows differ in pictures that are rectified by the virtual cameras
+    raw_rows: np.ndarray  # (Z, G, G) px, by how much pixels of the photograph differ across the direction of disparity
     mm_per_px: np.ndarray  # (Z,) change of depth for one px of disparity, in the middle of the field
 
     @property
@@ -66,6 +67,11 @@ class ModelError:
     def largest_row(self) -> np.ndarray:
         """(Z,) largest `rows` over the field, px."""
         return _over_field(np.nanmax, self.rows)
+
+    @property
+    def largest_raw_row(self) -> np.ndarray:
+        """(Z,) largest `raw_rows` over the field, px."""
+        return _over_field(np.nanmax, self.raw_rows)
 
 
 def _over_field(figure, values):
@@ -132,8 +138,9 @@ def model_error(
     seen = np.isfinite(rig.project(points))
     pixels = np.where(seen, rig.unbounded().project(points), np.nan)
     found = triangulate(pinhole_rig(cameras, rig).unbounded(), pixels)
-    rows, mm_per_px = _rows_and_scale(rig, pixels, points[:, samples // 2, samples // 2])
-    return ModelError(method, cameras, depths, points, found.points - points, found.residual, rows, mm_per_px)
+    raw_rows, mm_per_px = _raw_rows_and_scale(rig, pixels, points[:, samples // 2, samples // 2])
+    rows = _rectified_rows(cameras, pixels)
+    return ModelError(method, cameras, depths, points, found.points - points, found.residual, rows, raw_rows, mm_per_px)
 
 
 def _check(method, samples, reach):
@@ -180,8 +187,30 @@ def _reaches(rig, middle, axis, far):
     return low
 
 
-def _rows_and_scale(rig: Rig, pixels, middles):
-    """Differences across the direction of disparity (Z, G, G) px, and mm of depth for one px of disparity (Z,).
+def _rectified_rows(cameras, pixels):
+    """Differences (Z, G, G) px of the rows on which two views show a point; the larger of all pairs counts.
+
+    Each pair is rectified by its own virtual cameras: both are turned so that x runs along their baseline and z as
+    near as can be along the mean of their axes, and have the mean of their focal lengths. NaN where a ray does not
+    look along z. Fusiello, Trucco, Verri 2000, Machine Vision and Applications 12(1), 16-22.
+    """
+    rays = [camera.rays(pixels[..., k, :]).directions for k, camera in enumerate(cameras)]
+    rows = np.full(pixels.shape[:-2], np.nan)
+    for i, j in combinations(range(len(cameras)), 2):
+        x = cameras[j].centre - cameras[i].centre
+        y = np.cross(cameras[i].axis + cameras[j].axis, x)
+        frame = np.stack([y, np.cross(x, y)], -1)
+        frame = frame / np.maximum(np.linalg.norm(frame, axis=0), 1e-300)
+        (y_i, z_i), (y_j, z_j) = (np.moveaxis(rays[k] @ frame, -1, 0) for k in (i, j))
+        ahead = (z_i > 0) & (z_j > 0)
+        focal = np.mean([cameras[i].camera.focal, cameras[j].camera.focal])
+        apart = np.abs(y_i / np.where(ahead, z_i, np.nan) - y_j / np.where(ahead, z_j, np.nan))
+        rows = np.fmax(rows, focal * apart)
+    return rows
+
+
+def _raw_rows_and_scale(rig: Rig, pixels, middles):
+    """Differences of raw pixels across the direction of disparity (Z, G, G) px, and mm of depth for one px of it (Z,).
 
     The direction is that in which the difference of two views' pixels moves with depth in the middle of the field,
     middles (Z, 3) mm; the larger of all pairs counts.

@@ -24,8 +24,8 @@ MOUNTS = {
     "titanium": 8.6e-6,
     "invar": 1.6e-6,
 }
-"""Linear expansion of metals per kelvin: Callister, Materials Science and Engineering, table B.6 (6061, C36000, 1020,
-304, Ti-6Al-4V)."""
+"""Linear expansion of metals per kelvin: Callister, Materials Science and Engineering: An Introduction, table B.6
+(6061, C36000, 1020, 304, Ti-6Al-4V)."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ THERMAL: Mapping[str, ThermalData] = {
     "polycarbonate": ThermalData((-1.18e-4,), 68e-6, f"{APOLLO} (-11.8e-5 to -14.3e-5, 66 to 70e-6)"),
     "polystyrene": ThermalData((-1.4e-4,), 70e-6, f"{APOLLO} (60 to 80e-6)"),
     "Zeonex E48R": ThermalData((-8.0e-5,), 65e-6, f"{APOLLO}, Zeonex (60 to 70e-6)"),
-    "water": ThermalData((-9e-5,), 0.0, "CRC Handbook: 1.33317 at 18 C, 1.33281 at 22 C"),
+    "water": ThermalData((-9.1e-5,), 0.0, "CRC Handbook, against air: 1.33317 at 18 C, 1.33281 at 22 C"),
 }
 """By the names of `media()`. What is missing is unknown to this package: give it as a `ThermalData`."""
 

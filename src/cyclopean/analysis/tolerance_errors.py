@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..calibration.depths import rms
 from ..errors import SetupError
 
 LEVELS = (0.5, 0.68, 0.95, 0.99)
@@ -29,12 +30,12 @@ class DepthErrorSample:
     @property
     def sigma(self) -> np.ndarray:
         """(Z,) mm, root mean square error over setups and field."""
-        return self._each(lambda part: _rms(part))
+        return self._each(rms)
 
     @property
     def linear_sigma(self) -> np.ndarray:
         """(Z,) mm, the same to first order."""
-        return np.array([_rms(self.linear[self.plane == k]) for k in range(len(self.depths))])
+        return np.array([rms(self.linear[self.plane == k]) for k in range(len(self.depths))])
 
     @property
     def bias(self) -> np.ndarray:
@@ -77,13 +78,15 @@ class DepthErrorSample:
     def passing(self, percent: float | np.ndarray) -> np.ndarray:
         """Share (..., Z + 1) of setups whose error stays under so many percent of the depth all over the field.
 
-        One column for each depth, the last for all depths together. A setup without depths fails.
+        One column for each depth, the last for all depths together; NaN for a depth at which the drawing's views share
+        nothing. A setup that shows no point of a depth fails there. Where it shows some, those that it has lost do not
+        count.
         """
         percent = np.asarray(percent, dtype=float)
         if not (percent > 0).all():
             raise SetupError(f"a requirement is a positive percentage of the depth, got {percent}")
         relative = 100 * self.worst / self.depths
-        known = ~np.isnan(relative).all(0)  # depths at which the drawing's views share something
+        known = np.bincount(self.plane, minlength=len(self.depths)) > 0  # where the drawing's views share something
         relative = np.where(np.isnan(relative), np.inf, relative)
         highest = np.max(relative[:, known], axis=-1, keepdims=True)
         good = np.concatenate([np.where(known, relative, np.nan), highest], -1)
@@ -106,23 +109,34 @@ class Drivers:
     """Which of T parameters the depth errors come from."""
 
     names: tuple[str, ...]  # (T,)
-    shares: np.ndarray  # (Z, T) of the variance, by regression of the errors on the deviations, over the field
+    shares: np.ndarray  # (Z, T) of the variance, by regression over the field; NaN at depths where nothing varies
     linear: np.ndarray  # (Z, T) the same to first order, from derivatives
     ranks: np.ndarray  # (Z, T) Spearman's rank correlation of the deviations and the field's mean error
 
     @property
+    def overall(self) -> np.ndarray:
+        """(T,) `shares` over all depths; NaN where nothing varies at any."""
+        known = np.isfinite(self.shares).all(-1)
+        return self.shares[known].mean(0) if known.any() else np.full(len(self.names), np.nan)
+
+    @property
     def unexplained(self) -> float:
-        """Share of the variance over all depths that no parameter explains by itself: what is not linear."""
-        return float(max(1 - np.nansum(np.nanmean(self.shares, axis=0)), 0.0))
+        """Share of the variance over all depths that no parameter explains by itself: what is not linear.
+
+        NaN where nothing varies.
+        """
+        return float(np.maximum(1 - self.overall.sum(), 0.0))
 
     @property
     def order(self) -> np.ndarray:
         """(T,) int: the parameters, largest share over all depths first."""
-        return np.argsort(-np.nanmean(self.shares, axis=0), kind="stable")
+        return np.argsort(-self.overall, kind="stable")
 
 
 def drivers_of(names: tuple[str, ...], deviations: np.ndarray, sample: DepthErrorSample, linear: np.ndarray) -> Drivers:
     """Shares of each parameter in depth errors, from the draws themselves.
+
+    They are NaN where fewer than two draws give depths, and where no parameter varies.
 
     Parameters
     ----------
@@ -141,13 +155,15 @@ def drivers_of(names: tuple[str, ...], deviations: np.ndarray, sample: DepthErro
     shares = np.full((len(sample.depths), len(names)), np.nan)
     ranks = shares.copy()
     good = ~sample.failed
+    if good.sum() < 2:
+        return Drivers(names, shares, linear, ranks)
     turned = deviations[good] - deviations[good].mean(0)
     spread = turned.std(0)
     unit = turned / np.where(spread > 0, spread, 1.0)
     for k in range(len(sample.depths)):
         part = sample.errors[good][:, sample.plane == k]
         seen = np.isfinite(part)
-        if not seen.any() or len(part) < 2:
+        if not seen.any() or not spread.any():
             continue
         count = np.maximum(seen.sum(0), 1)
         centred = np.where(seen, part - np.where(seen, part, 0.0).sum(0) / count, 0.0)
@@ -166,8 +182,3 @@ def _rank_correlation(columns, values):
     scale = np.sqrt((ranked**2).sum(0) * (order**2).sum())
     moving = (np.ptp(columns, axis=0) > 0) & (np.ptp(values) > 0)
     return np.where(moving, (ranked * order[:, None]).sum(0) / np.maximum(scale, 1e-300), 0.0)
-
-
-def _rms(values):
-    values = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

@@ -151,7 +151,8 @@ def tolerance_analysis(
     Raises
     ------
     SetupError
-        For parameters that the setup does not have, and depths at which no two views share anything.
+        For parameters that the setup does not have, depths at which no two views share anything, and tolerances so wide
+        that no drawn setup gives any depth.
 
     Notes
     -----
@@ -274,7 +275,11 @@ def _result(work, chosen, deviations, before, after, plan, seed, wanted):
         second = _sample(volume, after, np.sqrt(carried.sum(-1) + corners + noise))
         shares = np.append(carried.sum(0), corners.sum())
         sources = dict(zip((*chosen, "noise of corners"), shares / max(shares.sum(), 1e-300), strict=True))
-    drivers = drivers_of(tuple(chosen), deviations, first, _shares(volume, each))
+    linear = _shares(volume, each)
+    if first.failed.all():
+        widest = tuple(chosen)[int(np.argmax(linear.sum(0)))]
+        raise SetupError(f"no drawn setup gives any depth; the tolerance of {widest} is too wide")
+    drivers = drivers_of(tuple(chosen), deviations, first, linear)
     return ToleranceAnalysis(
         work.setup, chosen, deviations, first, second, plan, work.left, drivers, sources, work.noise, seed, wanted
     )

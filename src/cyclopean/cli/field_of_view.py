@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .app import OutFolder, app, parse_depths
+from .app import OutFolder, Whole, app, parse_depths
 
 
 @app.command
-def fov(setup: Path, *, depth: str | None = None, views: int | None = None, output: OutFolder = Path("out")) -> None:
+def fov(setup: Path, *, depth: str | None = None, views: Whole | None = None, output: OutFolder = Path("fov")) -> None:
     """Show the field of view that several views share: its class, limits, cross-sections, volume, use of the sensor.
 
     Prints the class of an upright prism with its closed forms, and for every optic what tracing the border of each
@@ -22,7 +22,8 @@ def fov(setup: Path, *, depth: str | None = None, views: int | None = None, outp
     depth
         Depth range, mm, as NEAR..FAR; the setup's, or the rig's working depths, without it.
     views
-        Write only the volume that this many views or more see; without it, those of 2, 3, ... and all views.
+        Write only the volume that this many views or more see; without it, those of 2, 3, ... and all views. An optic
+        with one view needs --views 1.
     output
         Folder for the results; made if it is not there.
     """

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .app import OutFolder, app, parse_depths
+from .app import OutFolder, Whole, app, parse_depths
 
 Texts = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
 
@@ -17,18 +17,18 @@ def tolerance(
     setup: Path,
     *,
     output: OutFolder = Path("tolerances"),
-    draws: int = 10_000,
+    draws: Whole = 10_000,
     tolerance: Texts = (),
     usual: bool = True,
     depth: str | None = None,
     noise_px: float = 0.0,
     require: float = 1.0,
     board: Annotated[Path | None, Parameter(name=["--board", "-b"])] = None,
-    photos: int = 12,
-    camera_photos: int = 0,
+    photos: Whole = 12,
+    camera_photos: Whole = 0,
     corner_noise_px: float = 0.02,
     free: Texts = (),
-    seed: int = 0,
+    seed: Whole = 0,
 ) -> None:
     """Depth errors of setups as they are really made and mounted, before and after calibration.
 

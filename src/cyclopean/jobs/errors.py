@@ -68,10 +68,10 @@ def _budget(setup: Setup, request: Request) -> Budget:
     from ..analysis.sensitivity import check_views
 
     check_views(setup)
-    depths = request.depths or setup.depths or setup.rig().working_depths
+    near, far = setup.rig().check_depths(request.depths or setup.depths or setup.rig().working_depths)
     return error_budget(
         setup,
-        [float(f"{depth:.4g}") for depth in np.geomspace(*depths, 5)],
+        [float(f"{depth:.4g}") for depth in np.geomspace(near, far, 5)],
         tolerances=_tolerances(request.tolerance, setup),
         sigma=request.noise_px,
         temperature_range=request.temperature_range,
@@ -114,16 +114,20 @@ def _mount(text):
         expansion = float(text)
     except ValueError:
         expansion = np.nan
-    if text not in MOUNTS and not abs(expansion) < 1000:
-        raise SetupError(f"--mount wants {', '.join(MOUNTS)}, or the expansion in ppm per K (23.6), got {text!r}")
+    if text not in MOUNTS and not _is_ppm(expansion):
+        raise SetupError(f"--mount wants {', '.join(MOUNTS)}, or the expansion in ppm per K: 23.6, got {text!r}")
     return text if text in MOUNTS else 1e-6 * expansion
 
 
 def _lens(ppm):
     """ppm/K as 1/K."""
-    if ppm is not None and not abs(ppm) < 1000:
-        raise SetupError(f"--lens-ppm wants a small number of ppm per K, such as 10, got {ppm}")
+    if ppm is not None and not _is_ppm(ppm):
+        raise SetupError(f"--lens-ppm wants a number in ppm per K: 23.6, not 23.6e-6; got {ppm:g}")
     return None if ppm is None else 1e-6 * ppm
+
+
+def _is_ppm(number):
+    return number == 0 or 0.01 <= abs(number) < 1000  # per K; smaller ones were changed to 1/K already
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from rich.table import Table
 from ..analysis.common_volume import CommonField, CommonSection, CommonVolume, checked_views
 from ..analysis.field_of_view import FieldOfView, not_upright, picture_azimuths, upright
 from ..analysis.sensor_use import SensorUse, sensor_use
-from ..errors import OpticError
+from ..errors import OpticError, SetupError
 from ..files import output_folder, read_setup, replacing
 from ..files.meshes import write_mesh
 from ..optics import Prism
@@ -50,6 +50,11 @@ def show_field(setup_file: Path, depths: tuple[float, float] | None, views: int 
     """Trace, print, draw and write the field of view; see `cyclopean fov`."""
     setup = read_setup(setup_file)
     rig = setup.rig()
+    if len(rig) == 1 and views is None:
+        raise SetupError(
+            f"{setup_file}: a common field needs two views or more, and this {setup.optic.kind} gives 1; "
+            "--views 1 shows the field of that view alone"
+        )
     wanted = None if views is None else checked_views(len(rig), views)
     folder = output_folder(output)
     with console.status("tracing the borders of every view"):
@@ -206,7 +211,7 @@ def write_field(folder: Path, setup_file: Path, found: Field, kept: list[CommonV
     for name, figure in pictures.items():
         save_figure(figure, folder / f"{name}.png")
     captions = {
-        "The field from the side": pictures["fov"],
+        "The field from the side; facets that coincide in this view are drawn as one": pictures["fov"],
         "Cross-sections: how many views see what; dashed: the largest circle that all see": pictures["sections"],
         "The sensor: how many views see what each pixel looks at": pictures["sensor"],
     }

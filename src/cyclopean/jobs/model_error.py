@@ -35,8 +35,8 @@ def run_model_error(
     if len(rig) < 2:
         raise SetupError(f"{setup_file}: depth needs two views or more, and this {setup.optic.kind} gives {len(rig)}")
     folder = output_folder(output)
-    near, far = depths or setup.depths or rig.working_depths
-    planes = [float(f"{depth:.4g}") for depth in np.geomspace(near, far, _DEPTHS)]
+    near, far = rig.check_depths(depths or setup.depths or rig.working_depths)
+    planes, empty = _planes(rig, [float(f"{depth:.4g}") for depth in np.geomspace(near, far, _DEPTHS)])
     found, failed = [], []
     for name in METHODS if method == "all" else (method,):
         with console.status(METHODS[name]):
@@ -51,10 +51,22 @@ def run_model_error(
     for error in found:
         console.print(_table(error, METHODS[error.method]))
         console.print()
+    if empty.size:
+        console.print(
+            f"no two views share anything at {', '.join(f'{z:g}' for z in empty)} mm: left out", style="yellow"
+        )
     for reason in failed:
         console.print(f"left out: {reason}", style="yellow")
     console.print("true rays have none of this error: it comes from taking each sub-image for an ordinary picture")
     console.print(f"-> {folder}/model_error.png, model_error.csv")
+
+
+def _planes(rig, depths):
+    """Depths at which two views or more share something, and those at which none do."""
+    from ..calibration.depths import working_volume
+
+    there = working_volume(rig, depths).common.any((1, 2))
+    return np.array(depths)[there], np.array(depths)[~there]
 
 
 def _numbers(error):

@@ -65,7 +65,7 @@ def run_tolerances(request: ToleranceRequest) -> None:
             f"{request.setup}: depth needs two views or more, and this {setup.optic.kind} gives {len(rig)}"
         )
     folder = output_folder(request.output)
-    near, far = request.depths or setup.depths or rig.working_depths
+    near, far = rig.check_depths(request.depths or setup.depths or rig.working_depths)
     depths = [float(f"{depth:.4g}") for depth in np.geomspace(near, far, 5)]
     plan = _plan(request, setup, (near, far))
     with progress_bars() as progress:
@@ -105,6 +105,8 @@ def drawn_tolerances(given: Sequence[str], setup: Setup, usual: bool) -> list[To
             continue
         ((name, size),) = parse_tolerances([start], setup).items()
         found.append(Tolerance(name, size, shape or "normal"))  # type: ignore[arg-type]
+    if found and not any(tolerance.size for tolerance in found):
+        raise SetupError(f"every tolerance is 0, so there is nothing to draw: give {_OPTION} NAME=VALUE above 0")
     if not found:
         raise SetupError(f"--no-usual leaves nothing to draw: give {_OPTION} NAME=VALUE, for example optic.apex=0.02")
     return found
@@ -189,7 +191,7 @@ def _driver_table(analysis):
     drivers, after = analysis.drivers, analysis.sources
     columns = ("parameter", "tolerance", "share before (%)", "first order (%)", "rank correlation")
     columns += ("share after (%)",) if after else ()
-    shares, linear = (np.nanmean(part, axis=0) for part in (drivers.shares, drivers.linear))
+    shares, linear = drivers.overall, drivers.linear.sum(0) / max(drivers.linear.any(-1).sum(), 1)
     middle = len(analysis.before.depths) // 2
     rows, rest = [], []
     for k in drivers.order:
@@ -217,6 +219,10 @@ def remarks_of(analysis: ToleranceAnalysis) -> list[str]:
     remarks = []
     if analysis.interrupted:
         remarks.append(f"interrupted: {len(analysis.deviations):,} of {analysis.wanted:,} setups were drawn")
+    empty = np.isnan(analysis.before.lost)  # no point of the drawing's field
+    if empty.any():
+        depths = ", ".join(f"{depth:g}" for depth in analysis.before.depths[empty])
+        remarks.append(f"no two views of the drawing share anything at {depths} mm: left out")
     failed = int(analysis.before.failed.sum())
     if failed:
         remarks.append(f"{counted(failed, 'setup')} of {len(analysis.deviations):,} give no depth at all")
@@ -230,7 +236,7 @@ def remarks_of(analysis: ToleranceAnalysis) -> list[str]:
     if lost > _LOST:
         remarks.append(
             f"up to {100 * lost:.1f} % of the points lie where fewer than two views of the real setup show them: the "
-            "common field is that much smaller than drawn"
+            "common field is that much smaller than drawn, and these points do not count in errors and limits"
         )
     ratio = analysis.before.sigma / np.maximum(analysis.before.linear_sigma, 1e-300)
     if np.any(np.abs(ratio - 1) > _FAR_FROM_LINEAR) and analysis.before.linear_sigma.max() > 0:
@@ -276,8 +282,21 @@ def write_tolerances(folder: Path, request: ToleranceRequest, analysis: Toleranc
         tables_of(analysis, request.require),
         {"Spread of the errors, setups that keep a limit, and where the errors come from": picture},
         remarks_of(analysis),
-        {"what they come from": "Shares of the variance over all depths; rank correlation at middle depth."},
+        _captions(analysis, request.require),
     )
+
+
+def _captions(analysis, require):
+    """What to know about the tables, by heading."""
+    *errors, sources = tables_of(analysis, require)
+    counted_points = (
+        f"Under {require:g} %: setups whose largest error over the field stays under {require:g} % of the depth. "
+        "Points that a setup has lost (last column) do not count in it, nor in any error; a setup that shows no point "
+        "of a depth fails there."
+    )
+    return dict.fromkeys(errors, counted_points) | {
+        sources: "Shares of the variance over all depths; rank correlation at middle depth."
+    }
 
 
 def _write_table(path, analysis, require):

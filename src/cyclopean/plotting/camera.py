@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from .pictures import VIEW_COLOURS
+from .colours import view_colour
 
 _LONGEST = 0.035  # of the picture's width: how long the 95th percentile of the residuals is drawn
 
@@ -28,7 +28,7 @@ def camera_picture(size: tuple[int, int], pixels: np.ndarray, residuals: np.ndar
     arrows = axes.quiver(
         *pixels[known].T,
         *residuals[known].T,
-        color=VIEW_COLOURS[0],
+        color=view_colour(0),
         angles="xy",
         scale_units="xy",
         scale=max(usual, 1e-6) / (_LONGEST * size[0]),

@@ -9,18 +9,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
+from .colours import BLUE, GRID, ORANGE, PURPLE, SKY_BLUE, VERMILION
+
 if TYPE_CHECKING:
     from ..calibration.comparison import Comparison, Route
 
 _PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
 STYLES = {  # colours of Okabe and Ito, one for each family; marker, line
-    "ray sketch (middle)": ("#e69f00", "o", "-"),
-    "ray sketch (edge)": ("#e69f00", "s", "--"),
-    "ray sketch + field point": ("#d55e00", "D", "-"),
-    "virtual cameras, intrinsics fixed": ("#56b4e9", "v", "-"),
-    "virtual cameras, intrinsics tied": ("#56b4e9", "^", "--"),
-    "virtual cameras, intrinsics free": ("#0072b2", "o", "-"),
-    "virtual cameras, each alone then pairs": ("#cc79a7", "s", "-"),
+    "ray sketch (middle)": (ORANGE, "o", "-"),
+    "ray sketch (edge)": (ORANGE, "s", "--"),
+    "ray sketch + field point": (VERMILION, "D", "-"),
+    "virtual cameras, intrinsics fixed": (SKY_BLUE, "v", "-"),
+    "virtual cameras, intrinsics tied": (SKY_BLUE, "^", "--"),
+    "virtual cameras, intrinsics free": (BLUE, "o", "-"),
+    "virtual cameras, each alone then pairs": (PURPLE, "s", "-"),
     "physical model": ("#000000", "o", "-"),
 }
 
@@ -68,7 +70,7 @@ def _draw_pixels(axes: Axes, comparison: Comparison, routes: list[Route]) -> Non
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(_PLAIN)
     axes.margins(x=0.18, y=0.08)
-    axes.grid(color="#dddddd", linewidth=0.6)
+    axes.grid(**GRID)
     axes.set_xlabel("rms, px")
     axes.set_title("Reprojection, the board's pose fitted")
     axes.spines[["top", "right"]].set_visible(False)
@@ -90,5 +92,5 @@ def _finish(axes, title, label):
     axes.set_xlabel("depth of the board, mm")
     axes.set_ylabel(label)
     axes.set_title(title)
-    axes.grid(which="both", color="#dddddd", linewidth=0.6)
+    axes.grid(which="both", **GRID)
     axes.spines[["top", "right"]].set_visible(False)

@@ -16,7 +16,7 @@ from matplotlib.ticker import FuncFormatter
 from ..epipolar import EpipolarCurves
 from ..geometry import as_rgb
 from ..rigs import Rig
-from .pictures import VIEW_COLOURS
+from .colours import GRID, LIGHT_GREY, view_colour
 
 _BAND = 2.0  # standard deviations to each side
 _VISIBLE = 0.3  # of half a close-up: how far across a curve its line or band may be drawn to be seen
@@ -101,7 +101,7 @@ def _draw_sheet(axes: Axes, background, rig):
     if background is not None:
         axes.imshow(background)
     for k, view in enumerate(rig):
-        colour, centre = VIEW_COLOURS[k % len(VIEW_COLOURS)], view.region.centre
+        colour, centre = view_colour(k), view.region.centre
         outline = np.concatenate(view.region.outline)
         for line in view.region.outline:
             axes.plot(*(centre + (line - centre) * 0.997).T, color=colour, linewidth=1.8)  # keeps neighbours apart
@@ -184,7 +184,7 @@ def _draw_close_up(axes: Axes, background, number, curves, k, off, scale):
     axes.tick_params(labelsize=6)
     axes.locator_params(nbins=4)
     for spine in axes.spines.values():
-        spine.set_color(VIEW_COLOURS[k % len(VIEW_COLOURS)])
+        spine.set_color(view_colour(k))
         spine.set_linewidth(2.5)
 
 
@@ -201,12 +201,12 @@ def _draw_departures(axes: Axes, rig, curves, off):
     inverse, widest = curves[0].inverse_depths, np.zeros(len(curves[0].inverse_depths))
     for number, (one, miss) in enumerate(zip(curves, off, strict=True)):
         for k in range(len(rig)):
-            colour, style = VIEW_COLOURS[k % len(VIEW_COLOURS)], _STYLES[number % len(_STYLES)]
+            colour, style = view_colour(k), _STYLES[number % len(_STYLES)]
             axes.plot(inverse, -miss[k], color=colour, linestyle=style, linewidth=1.8)
         widest = np.fmax(widest, np.nan_to_num(one.sigma).max(0))
     seen = inverse[widest > 0] if (widest > 0).sum() > 1 else inverse
     axes.fill_between(
-        inverse, -_BAND * widest, _BAND * widest, where=widest > 0, color="#bbbbbb", alpha=0.6, linewidth=0
+        inverse, -_BAND * widest, _BAND * widest, where=widest > 0, color=LIGHT_GREY, alpha=0.6, linewidth=0
     )
     axes.axhline(0, color="black", linewidth=1)
     axes.set_xticks(np.linspace(seen[0], seen[-1], 5))
@@ -215,14 +215,14 @@ def _draw_departures(axes: Axes, rig, curves, off):
     axes.set_xlabel("depth (mm), even in inverse depth")
     axes.set_ylabel("straight line of virtual cameras\nless true curve, across it (px)")
     axes.set_title("How far a straight line is off")
-    axes.grid(color="#dddddd", linewidth=0.6)
+    axes.grid(**GRID)
     axes.spines[["top", "right"]].set_visible(False)
-    handles = [Line2D([], [], color=VIEW_COLOURS[k % len(VIEW_COLOURS)], label=f"in view {k}") for k in range(len(rig))]
+    handles = [Line2D([], [], color=view_colour(k), label=f"in view {k}") for k in range(len(rig))]
     if len(curves) > 1:
         handles += [
             Line2D([], [], color="black", linestyle=_STYLES[n], label=", ".join(map(str, names)))
             for n in range(len(_STYLES))
             if (names := [f"pixel {m}" for m in range(n, len(curves), len(_STYLES))])
         ]
-    handles.append(Line2D([], [], color="#bbbbbb", linewidth=6, label="curve, 2 sigma"))
+    handles.append(Line2D([], [], color=LIGHT_GREY, linewidth=6, label="curve, 2 sigma"))
     axes.legend(handles=handles, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False)

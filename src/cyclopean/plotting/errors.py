@@ -20,6 +20,8 @@ _DEPTH_SHADES = ("#9ecae1", "#3182bd", "#08306b")
 _CHANNEL_COLOURS = {"red": "#c03028", "green": "#2a8a3a", "blue": "#2b50c8"}
 _CURVES = 7  # more sources cannot be told apart
 _MAPS = 11
+_STEEP = 100.0  # % of depth: curves of colours beyond it would flatten all others
+_LINEAR = 10.0  # % of depth, up to which the scale is linear then
 _SMALLEST = 1e-4  # of the largest source: bars below it are left out of the axis
 
 
@@ -241,6 +243,12 @@ def _draw_bias(axes, wavelengths, percent, depths):
             axes.annotate(name, (nm, 0.02), xycoords=("data", "axes fraction"), fontsize=8, ha="right", rotation=90)
     axes.axhline(0, color="black", linewidth=0.8)
     axes.set(xlabel="wavelength of the light (nm)", ylabel="error of depth (%)")
+    known = np.abs(percent[np.isfinite(percent)])
+    steep = known.size > 0 and known.max() > _STEEP
+    if steep:
+        axes.set_yscale("symlog", linthresh=_LINEAR)
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.set_ylabel(f"error of depth (%), logarithmic beyond {_LINEAR:g}")
     axes.set_title("depth found in light of other colours", loc="left")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, title="depth", title_fontsize=8)

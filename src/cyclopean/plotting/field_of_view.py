@@ -53,7 +53,10 @@ def field_picture(
     grid = figure.add_gridspec(2, 2, width_ratios=[1.2, 1])
     above = figure.add_subplot(grid[0, :])
     side_view(above, setup, depths=depths, rays=2, dimensions=False, rig=rig)
-    above.set_title("light through the optic: boundary rays of each view, and its virtual camera", fontsize=10)
+    above.set_title(
+        "light through the optic: boundary rays of each view, and its virtual camera; views whose facets coincide from "
+        "this side are drawn as one", fontsize=10,
+    )  # fmt: skip
     flat = float(np.ptp(above.get_ylim()) / np.ptp(above.get_xlim()))
     grid.set_height_ratios([min(11.6 * flat, 8.0) + 0.9, 5.2])
     figure.set_size_inches(13, min(11.6 * flat, 8.0) + 6.3)

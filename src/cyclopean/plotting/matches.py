@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ..correspondence import Matches
 from ..geometry import as_rgb
 from ..rigs import Rig
-from .pictures import VIEW_COLOURS
+from .colours import view_colour
 
 _LINKED = 400  # with more matches the links between sub-images hide the photograph
 _NUMBERED = 60
@@ -32,8 +32,8 @@ def matches_picture(photograph: np.ndarray, rig: Rig, matches: Matches) -> Figur
     for k, view in enumerate(rig):
         for line in view.region.outline:
             inside = view.region.centre + (line - view.region.centre) * 0.997
-            axes.plot(*inside.T, color=VIEW_COLOURS[k % len(VIEW_COLOURS)], linewidth=1.2)
-        badge = {"boxstyle": "circle,pad=0.2", "facecolor": VIEW_COLOURS[k % len(VIEW_COLOURS)], "edgecolor": "none"}
+            axes.plot(*inside.T, color=view_colour(k), linewidth=1.2)
+        badge = {"boxstyle": "circle,pad=0.2", "facecolor": view_colour(k), "edgecolor": "none"}
         axes.annotate(
             f"{k}", view.region.centre, ha="center", va="center", fontsize=8, weight="bold", bbox=badge, zorder=5
         )

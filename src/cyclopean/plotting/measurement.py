@@ -12,7 +12,7 @@ from matplotlib.patheffects import withStroke
 from ..correspondence.windows import Located
 from ..measurement.images import ImagePoint, Measurement
 from ..rigs import Rig
-from .pictures import _sheet, draw_outlines
+from .pictures import draw_outlines, photo_axes
 
 GRADE_COLOURS = {"good": "#00c27a", "check": "#ffb000", "refused": "#ff5a3c"}
 """Colours of the words; the words themselves stand beside them."""
@@ -26,7 +26,7 @@ def measurement_picture(
     photograph: np.ndarray, rig: Rig, measurements: Sequence[Measurement], values: Sequence[str]
 ) -> Figure:
     """The photograph with every measurement, its points in all sub-images, and its value as text."""
-    figure, axes = _sheet(photograph.shape)
+    figure, axes = photo_axes(photograph.shape)
     draw_outlines(axes, photograph, rig)
     draw_measurements(axes, measurements, values)
     return figure

@@ -46,14 +46,13 @@ def _draw_curve(axes: Axes, error: ModelError) -> None:
 
 
 def _draw_maps(figure, places, error):
-    """The error over the field at the nearest, a middle and the farthest depth, with one scale of colours."""
+    """The error over the field at the nearest, a middle and the farthest depth, each with its own scale of colours."""
     chosen = np.unique(np.linspace(0, len(error.depths) - 1, _MAPS).round().astype(int))
-    known = np.abs(error.percent[chosen])
-    limit = float(np.nanpercentile(known, 99)) if np.isfinite(known).any() else 1.0
-    limit = max(limit, 1e-9)
     for axes in places[len(chosen) :]:
         axes.set_axis_off()
     for axes, k in zip(places, chosen, strict=False):
+        known = np.abs(error.percent[k])
+        limit = max(float(np.nanpercentile(known, 99)) if np.isfinite(known).any() else 1.0, 1e-9)
         x, y = error.points[k, 0, :, 0], error.points[k, :, 0, 1]
         shades = axes.pcolormesh(
             x, y, np.ma.masked_invalid(error.percent[k]), cmap="RdBu_r", vmin=-limit, vmax=limit, shading="nearest"
@@ -64,4 +63,4 @@ def _draw_maps(figure, places, error):
         axes.set_title(f"at {error.depths[k]:g} mm", fontsize=10)
         axes.set_xlabel("x, mm")
         axes.set_ylabel("y, mm")
-    figure.colorbar(shades, ax=list(places), label="error of depth, %", fraction=0.05, pad=0.02)
+        figure.colorbar(shades, ax=axes, label="error of depth, %", shrink=0.8)

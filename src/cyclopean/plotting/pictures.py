@@ -8,14 +8,14 @@ from matplotlib.figure import Figure
 
 from ..geometry import as_rgb
 from ..rigs import Rig
-from .colours import VIEW_COLOURS
+from .colours import view_colour
 
 _DRAWN_POINTS = 40_000  # more do not show
 
 
 def outlined_picture(photograph: np.ndarray, rig: Rig) -> Figure:
     """The photograph with the outline of every sub-image."""
-    figure, axes = _sheet(photograph.shape)
+    figure, axes = photo_axes(photograph.shape)
     draw_outlines(axes, photograph, rig)
     return figure
 
@@ -24,7 +24,7 @@ def draw_outlines(axes: Axes, photograph: np.ndarray, rig: Rig) -> None:
     """Draw the photograph and the outline of every sub-image."""
     axes.imshow(as_rgb(photograph))
     for k, view in enumerate(rig):
-        colour = VIEW_COLOURS[k % len(VIEW_COLOURS)]
+        colour = view_colour(k)
         for line in view.region.outline:
             inside = view.region.centre + (line - view.region.centre) * 0.997  # keep neighbours' lines apart
             axes.plot(*inside.T, color=colour, linewidth=2)
@@ -45,7 +45,7 @@ def draw_outlines(axes: Axes, photograph: np.ndarray, rig: Rig) -> None:
 
 def depth_picture(depth: np.ndarray) -> Figure:
     """The depth (H, W) mm of every pixel, with a colour bar in mm; pixels without depth stay grey."""
-    figure, axes = _sheet(depth.shape, bar=True)
+    figure, axes = photo_axes(depth.shape, bar=True)
     draw_depth(axes, depth)
     return figure
 
@@ -104,7 +104,7 @@ def overview_picture(
     return figure
 
 
-def _sheet(shape, bar=False):
+def photo_axes(shape, bar=False):
     """A figure whose axes fill it, about as large as an image of this shape."""
     height, width = shape[:2]
     inches = 9.0

@@ -7,12 +7,13 @@ from matplotlib.figure import Figure
 
 from ..geometry import as_rgb
 from ..targets.seams import Seams
-from .pictures import VIEW_COLOURS, _sheet
+from .colours import view_colour
+from .pictures import photo_axes
 
 
 def seams_picture(photograph: np.ndarray, seams: Seams) -> Figure:
     """The photograph with its seams and the number of each sub-image."""
-    figure, axes = _sheet(photograph.shape)
+    figure, axes = photo_axes(photograph.shape)
     axes.imshow(as_rgb(photograph))
     for line in seams.lines:
         axes.plot(*line.T, color="black", linewidth=3)
@@ -28,7 +29,7 @@ def seams_picture(photograph: np.ndarray, seams: Seams) -> Figure:
             ha="center",
             va="center",
             weight="bold",
-            bbox={"boxstyle": "circle", "facecolor": VIEW_COLOURS[k % len(VIEW_COLOURS)], "edgecolor": "none"},
+            bbox={"boxstyle": "circle", "facecolor": view_colour(k), "edgecolor": "none"},
         )
     width, height = seams.size
     axes.set_xlim(-0.5, width - 0.5)

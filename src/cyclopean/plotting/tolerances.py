@@ -94,8 +94,8 @@ def _draw_yield(axes: Axes, analysis, require):
 def _draw_drivers(axes: Axes, analysis):
     """Shares of the variance, over all depths: bars before, and after calibration."""
     drivers = analysis.drivers
-    before = dict(zip(drivers.names, np.nanmean(drivers.shares, axis=0), strict=True))
-    before[NOT_LINEAR] = drivers.unexplained
+    before = dict(zip(drivers.names, np.nan_to_num(drivers.overall), strict=True))
+    before[NOT_LINEAR] = np.nan_to_num(drivers.unexplained)
     after = analysis.sources
     names = sorted({*before, *after}, key=lambda name: -max(before.get(name, 0.0), after.get(name, 0.0)))
     shown, rest = names[:_BARS], names[_BARS:]
