@@ -15,7 +15,7 @@ from ..rigs import Setup
 from .sensitivity import point_sensitivity
 
 SCHOTT = "Schott, optical glass catalogue (Zemax edition of 24 April 2013)"
-APOLLO = "Apollo Optical Systems, Common polymers for optical components"
+PLASTICS = "of the order that makers of moulded optics state; it differs between grades"
 MOUNTS = {
     "aluminium": 23.6e-6,
     "brass": 20.5e-6,
@@ -73,10 +73,10 @@ THERMAL: Mapping[str, ThermalData] = {
     "SF11": _schott(6.1e-6, 1.12e-5, 1.81e-8, -5.03e-11, 1.46e-6, 1.58e-9, 0.282),
     "N-SF11": _schott(8.52e-6, -3.56e-6, 9.20e-9, -2.10e-11, 9.65e-7, 1.44e-9, 0.294),
     "fused silica": _schott(0.5e-6, 2.06e-5, 2.51e-8, -2.47e-11, 3.12e-7, 4.22e-10, 0.160),  # Lithosil-Q
-    "PMMA": ThermalData((-8.5e-5,), 67e-6, APOLLO),
-    "polycarbonate": ThermalData((-1.18e-4,), 68e-6, f"{APOLLO} (-11.8e-5 to -14.3e-5, 66 to 70e-6)"),
-    "polystyrene": ThermalData((-1.4e-4,), 70e-6, f"{APOLLO} (60 to 80e-6)"),
-    "Zeonex E48R": ThermalData((-8.0e-5,), 65e-6, f"{APOLLO}, Zeonex (60 to 70e-6)"),
+    "PMMA": ThermalData((-8.5e-5,), 67e-6, PLASTICS),
+    "polycarbonate": ThermalData((-1.18e-4,), 68e-6, f"{PLASTICS}: -11.8e-5 to -14.3e-5, 66 to 70e-6"),
+    "polystyrene": ThermalData((-1.4e-4,), 70e-6, f"{PLASTICS}: 60 to 80e-6"),
+    "Zeonex E48R": ThermalData((-8.0e-5,), 65e-6, f"{PLASTICS}: 60 to 70e-6"),
     "water": ThermalData((-9.1e-5,), 0.0, "CRC Handbook, against air: 1.33317 at 18 C, 1.33281 at 22 C"),
 }
 """By the names of `media()`. What is missing is unknown to this package: give it as a `ThermalData`."""
