@@ -221,3 +221,18 @@ def test_the_demo_files_are_there():
     photo, setup = demo_files()
     assert photo.is_file()
     assert setup.is_file()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("tolerance", "setup.toml", "--draws", "2.5"),
+        ("fov", "setup.toml", "--views", "nan"),
+        ("experiment", "biprism", "--photos", "7.5"),
+        ("reconstruct", "photo.png", "--setup", "setup.toml", "--threads", "one"),
+    ],
+)
+def test_a_count_is_a_whole_number(words, monkeypatch, capsys):
+    status, said, complaint = run(monkeypatch, capsys, *words)
+    assert status != 0
+    assert f"whole number, got '{words[-1]}'" in " ".join((said + complaint).split())

@@ -11,6 +11,9 @@ from cyclopts import Parameter
 from cyclopean import __version__
 
 from ..errors import SetupError
+from ..jobs.words import Whole
+
+__all__ = ["OutFolder", "SetupFile", "Whole", "app", "parse_depths"]
 
 app = cyclopts.App(
     name="cyclopean",
@@ -19,17 +22,6 @@ app = cyclopts.App(
     help="Stereo vision with a single lens: depth and points from one photograph through a prism or mirrors.",
 )
 
-
-def whole_number(_, tokens) -> int:
-    """The whole number that a word on the command line stands for; 2.5 is none."""
-    text = tokens[0].value
-    try:
-        return int(text)
-    except ValueError:
-        raise ValueError(f"it must be a whole number, got {text!r}") from None
-
-
-Whole = Annotated[int, Parameter(converter=whole_number)]
 SetupFile = Annotated[Path, Parameter(name=["--setup", "-s"])]
 OutFolder = Annotated[Path, Parameter(name=["--output", "-o"])]
 

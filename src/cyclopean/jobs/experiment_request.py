@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from .words import Whole
+
 
 @dataclass(frozen=True)
 class Options:
@@ -52,8 +54,8 @@ class Options:
     data: Path | None = None
     depths: str | None = None
     corner_noise_px: float = 0.05
-    seed: int = 0
-    photos: int = 8
+    seed: Whole = 0
+    photos: Whole = 8
     board_stays: bool = False
     drawing_apex_deg: float = 0.05
     drawing_distance: float = 1.0
