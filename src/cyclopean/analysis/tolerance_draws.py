@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import CyclopeanError, OpticError, ShapeError
+from ..errors import CyclopeanError, OpticError
 from ..optics import Prism
 from ..rigs import Setup, View
 from ..triangulation import triangulate
+from ..triangulation.points import as_correspondences
 from .tolerance_prisms import prism_pixels
 
 _CAMERA_COUNT = 9  # CAMERA_PARAMETERS come first in the parameters of a setup
@@ -105,9 +106,7 @@ def nearby_points(views: Sequence[View], start: np.ndarray, pixels: np.ndarray) 
     Hartley and Zisserman, Multiple View Geometry, section 12.3: the least sum of squares of the pixels' errors, by
     Gauss-Newton.
     """
-    pixels = np.asarray(pixels, dtype=float)
-    if pixels.shape[-2:] != (len(views), 2):
-        raise ShapeError(f"pixels must have shape (..., {len(views)}, 2), one pixel for each view, got {pixels.shape}")
+    pixels = as_correspondences(pixels, len(views))
     shape, pixels = pixels.shape[:-2], pixels.reshape(-1, len(views), 2)
     points = np.array(np.broadcast_to(start, (*shape, 3))).reshape(-1, 3)
     seen = np.isfinite(pixels).all(-1)

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import ShapeError
 from ..geometry import as_pixels, rotation_from_vector
+from ..rigs.two_views import homogeneous
 
 
 def fitted_fundamental(first: ArrayLike, second: ArrayLike) -> np.ndarray:
@@ -48,14 +49,10 @@ def sampson_distance(fundamental: np.ndarray, first: np.ndarray, second: np.ndar
     ----------
     Sampson 1982, Fitting conic sections to "very scattered" data; Hartley and Zisserman, eq. 11.9.
     """
-    start, end = _homogeneous(first), _homogeneous(second)
+    start, end = homogeneous(first), homogeneous(second)
     in_second, in_first = start @ fundamental.T, end @ fundamental
     slope = (in_second[:, :2] ** 2).sum(-1) + (in_first[:, :2] ** 2).sum(-1)
     return (end * in_second).sum(-1) / np.sqrt(slope)
-
-
-def _homogeneous(pixels):
-    return np.concatenate([pixels, np.ones((len(pixels), 1))], -1)
 
 
 def _normalised(pixels):
@@ -63,4 +60,4 @@ def _normalised(pixels):
     centre = pixels.mean(0)
     scale = np.sqrt(2) / np.linalg.norm(pixels - centre, axis=-1).mean()
     matrix = np.array([[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]])
-    return _homogeneous(pixels) @ matrix.T, matrix
+    return homogeneous(pixels) @ matrix.T, matrix

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import errno
+import io
+import json
 import os
 import re
 import secrets
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -109,6 +112,23 @@ def _why_unwritten(fault: OSError, folder: Path) -> str:
     if fault.errno == errno.ENOSPC:
         return f"the disk that holds {folder} is full"
     return str(fault.strerror or fault)
+
+
+def write_csv(path: PathLike, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a table as CSV, whole or not at all."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    with replacing(path) as file:
+        file.write(text.getvalue().encode())
+
+
+def write_json(path: PathLike, document: object) -> None:
+    """Write what JSON can hold, whole or not at all; NaN and infinity it cannot."""
+    text = json.dumps(document, indent=1, allow_nan=False) + "\n"
+    with replacing(path) as file:
+        file.write(text.encode())
 
 
 def output_folder(path: PathLike) -> Path:

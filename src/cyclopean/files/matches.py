@@ -20,7 +20,7 @@ import numpy as np
 
 from ..correspondence import Matches
 from ..errors import SetupError
-from .disk import PathLike, read_text, replacing
+from .disk import PathLike, read_text, write_csv
 
 _COLUMNS = ("view", "x", "y")
 
@@ -80,16 +80,13 @@ def write_matches(path: PathLike, matches: Matches) -> None:
     names = ["x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "residual", "views", "expected", doubt]
     names += [name for k in range(views) for name in (f"u{k}", f"v{k}")] + ["point"] * named
     sigma = np.sqrt(np.maximum(np.diagonal(matches.covariance, axis1=1, axis2=2), 0))
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
+    rows = []
     for k in range(len(matches)):
         row = [_number(value, 4) for value in (*matches.points[k], *sigma[k], matches.residual[k])]
         row += [str(matches.views[k]), str(matches.expected[k]), f"{getattr(matches, doubt)[k]:.3g}"]
         row += [_number(value, 3) for value in matches.pixels[k].ravel()]
-        writer.writerow([*row, int(matches.label[k])] if named else row)
-    with replacing(path) as file:
-        file.write(text.getvalue().encode())
+        rows.append([*row, int(matches.label[k])] if named else row)
+    write_csv(path, names, rows)
 
 
 def _number(value: float, digits: int) -> str:

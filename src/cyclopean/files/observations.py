@@ -21,7 +21,7 @@ import numpy as np
 
 from ..errors import SetupError
 from ..targets import DIRECT, Observations, Target
-from .disk import PathLike, read_bytes, replacing
+from .disk import PathLike, read_bytes, write_csv
 
 REQUIRED = ("image", "view", "point", "x", "y")
 OPTIONAL = ("sigma", "channel")
@@ -206,9 +206,4 @@ def write_observations(path: PathLike, observations: Observations) -> None:
     if observations.channel.any():
         names.append("channel")
         columns.append(observations.channel.tolist())
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows(zip(*columns, strict=True))
-    with replacing(path) as file:
-        file.write(text.getvalue().encode())
+    write_csv(path, names, zip(*columns, strict=True))

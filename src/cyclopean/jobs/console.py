@@ -5,10 +5,14 @@ from __future__ import annotations
 import sys
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from ..errors import OutputError, SetupError
+
+if TYPE_CHECKING:
+    from ..rigs import Rig, Setup
 
 _AT_TERMINAL = sys.stdout is not None and sys.stdout.isatty()
 console = Console(highlight=False, markup=False, width=None if _AT_TERMINAL else 110)  # names may hold [ ]
@@ -17,6 +21,11 @@ console = Console(highlight=False, markup=False, width=None if _AT_TERMINAL else
 def counted(count: int, what: str) -> str:
     """A number of things: "1 photograph", "2 photographs"."""
     return f"{count:,} {what}{'' if count == 1 else 's'}"
+
+
+def chosen_depths(asked: tuple[float, float] | None, setup: Setup, rig: Rig) -> tuple[float, float]:
+    """The depths (near, far) mm that were asked for, else the setup's, else those at which its rig is of use."""
+    return rig.check_depths(asked or setup.depths or rig.working_depths)
 
 
 def save_figure(figure, path: Path) -> None:

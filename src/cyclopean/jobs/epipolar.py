@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +11,12 @@ from rich.table import Table
 
 from ..epipolar import EpipolarCurves, epipolar_curves, line_distances, pinholes, sample_pixels
 from ..errors import SetupError
-from ..files import output_folder, read_photograph, read_setup, replacing
+from ..files import output_folder, read_photograph, read_setup
 from ..files.calibrations import read_calibration
+from ..files.disk import write_csv
 from ..optics import Reason
 from ..rigs import Rig, Setup
-from .console import console, save_figure
+from .console import chosen_depths, console, save_figure
 
 COLUMNS = (
     "pixel", "x_px", "y_px", "view", "other_view", "depth_mm", "point_x_mm", "point_y_mm",
@@ -57,7 +56,7 @@ def draw_curves(
     places = [find_view(rig, pixel, view) for pixel in given]
     folder = output_folder(output)
     with console.status("tracing"):
-        depths = rig.check_depths(depths or setup.depths or rig.working_depths)
+        depths = chosen_depths(depths, setup, rig)
         if not given:
             places = [k for k in range(len(rig)) if view in (None, k)]
             given = [telling_pixel(rig, k, depths) for k in places]
@@ -183,15 +182,12 @@ def _row(curves, k, off):
 
 def write_curves(path: Path, found: Sequence[PixelCurves]) -> None:
     """Write every sample that is seen, as a table with the columns `COLUMNS`."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    rows = []
     for number, one in enumerate(found):
         curves = one.curves
         for k, d in np.argwhere(np.isfinite(curves.pixels[..., 0])):
             x, y, depth = curves.points[d]
             numbers = (depth, x, y, *curves.pixels[k, d], curves.sigma[k, d], one.off[k, d])
             place = (number, f"{one.pixel[0]:.6g}", f"{one.pixel[1]:.6g}", curves.view, k)
-            writer.writerow([*place, *(f"{value:.7g}" for value in numbers)])
-    with replacing(path) as file:
-        file.write(text.getvalue().encode())
+            rows.append([*place, *(f"{value:.7g}" for value in numbers)])
+    write_csv(path, COLUMNS, rows)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,9 +12,10 @@ import numpy as np
 from rich.table import Table
 
 from ..errors import SetupError
-from ..files import output_folder, read_setup, replacing
+from ..files import output_folder, read_setup
+from ..files.disk import write_csv, write_json
 from .calibration_request import parse_tolerances
-from .console import console, save_figure
+from .console import chosen_depths, console, save_figure
 
 if TYPE_CHECKING:
     from ..analysis.budget import Budget
@@ -68,7 +66,8 @@ def _budget(setup: Setup, request: Request) -> Budget:
     from ..analysis.sensitivity import check_views
 
     check_views(setup)
-    near, far = setup.rig().check_depths(request.depths or setup.depths or setup.rig().working_depths)
+    rig = setup.rig()
+    near, far = chosen_depths(request.depths, setup, rig)
     return error_budget(
         setup,
         [float(f"{depth:.4g}") for depth in np.geomspace(near, far, 5)],
@@ -242,10 +241,8 @@ def _write(folder: Path, budget: Budget, colours: _Colours | None, request: Requ
     from ..plotting.errors import budget_picture, chromatic_picture, error_maps
     from ..plotting.report import write_report
 
-    with replacing(folder / "budget.csv") as file:
-        file.write(_csv(budget).encode())
-    with replacing(folder / "errors.json") as file:
-        file.write((json.dumps(_document(budget, colours), indent=1, allow_nan=False) + "\n").encode())
+    write_csv(folder / "budget.csv", _COLUMNS, _rows(budget))
+    write_json(folder / "errors.json", _document(budget, colours))
     pictures = {
         "What makes depth uncertain: standard deviations in percent of depth": budget_picture(budget),
         "Where in the common field: each map has its own scale; a sign says which way depth goes when the real "
@@ -274,15 +271,15 @@ def _write(folder: Path, budget: Budget, colours: _Colours | None, request: Requ
     )
 
 
-def _csv(budget):
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["depth_mm", "source", "size", "sigma_mm", "sigma_percent", "worst_mm", "share_percent"])
+_COLUMNS = ("depth_mm", "source", "size", "sigma_mm", "sigma_percent", "worst_mm", "share_percent")
+
+
+def _rows(budget):
+    """Rows of `_COLUMNS`."""
     for k in _there(budget):
         for row in budget.table(k):
             numbers = (row.sigma, row.percent, row.worst, 100 * row.share)
-            writer.writerow([f"{budget.depths[k]:g}", row.name, row.size, *(f"{number:.6g}" for number in numbers)])
-    return text.getvalue()
+            yield [f"{budget.depths[k]:g}", row.name, row.size, *(f"{number:.6g}" for number in numbers)]
 
 
 def _document(budget, colours):

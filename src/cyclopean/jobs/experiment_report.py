@@ -10,6 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from ..files import replacing
+from ..files.disk import write_csv
 from .console import console, save_figure
 from .experiment_pictures import experiment_pictures
 from .experiment_request import Options
@@ -109,13 +110,13 @@ def write_experiment(
     title = title_of(name, experiment)
     table, whole = thesis_table(experiment), summary_table(experiment)
     texts = {
-        "table.csv": _csv(long_table(experiment)),
         "table.md": f"{title}; error in %\n\n{as_markdown(table)}\n{as_markdown(whole)}",
         "table.tex": as_latex(table, f"{title}; error in %"),
     }
     for file, text in texts.items():
         with replacing(folder / file) as out:
             out.write(text.encode())
+    write_csv(folder / "table.csv", *long_table(experiment))
     pictures = experiment_pictures(experiment, folders)
     for file, (_, figure) in pictures.items():
         save_figure(figure, folder / file)
@@ -132,11 +133,6 @@ def write_experiment(
         notes(experiment),
     )
     return [*texts, *pictures, "report.html"]
-
-
-def _csv(table) -> str:
-    columns, rows = table
-    return "".join(",".join(f'"{cell}"' if "," in cell else cell for cell in row) + "\n" for row in [columns, *rows])
 
 
 def _print_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

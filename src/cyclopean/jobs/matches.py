@@ -16,7 +16,7 @@ from ..files import check_exposure, output_folder, read_board, read_photograph, 
 from ..geometry import as_rgb
 from ..rigs import Rig
 from ..targets import Board
-from .console import console, counted, progress_bars, save_figure
+from .console import chosen_depths, console, counted, progress_bars, save_figure
 
 Rows = list[tuple[str, ...]]
 NOISE = 0.1  # px, of points and of boards where no other is stated
@@ -71,7 +71,7 @@ def run_match(photo: Path, setup_file: Path, output: Path, request: Request) -> 
         raise SetupError(f"--min-views {request.min_views} is more than the {counted(len(rig), 'view')} of the setup")
     folder = output_folder(output)
     warnings = check_exposure(photograph, rig.masks)
-    depths = rig.check_depths(request.depths or setup.depths or rig.working_depths)
+    depths = chosen_depths(request.depths, setup, rig)
     console.print(f"{photo.name}: {len(rig)} views, {request.what}, depths {depths[0]:g} to {depths[1]:g} mm")
     with progress_bars() as progress:
         matches, notes = find_matches(photograph, rig, depths, request, progress)

@@ -15,7 +15,7 @@ from ..errors import CyclopeanError, ImageError, MeasurementError, OpticError, S
 from ..files import check_exposure, output_folder, read_photograph, read_setup
 from ..measurement.images import KINDS, ImagePoint, Measurement, check_count, with_calibration
 from ..rigs import Setup
-from .console import console, counted
+from .console import chosen_depths, console, counted
 from .measurement_files import Source, value_table, write_measurements, write_pictures
 from .measurement_session import Scene, Session
 
@@ -184,7 +184,7 @@ def _scene(setup, photograph, request):
         raise OpticError(
             f"{request.setup}: measuring wants two views or more; this {setup.optic.kind} gives {len(rig)}"
         )
-    depths = rig.check_depths(request.depths or setup.depths or rig.working_depths)
+    depths = chosen_depths(request.depths, setup, rig)
     share = calibration_share(setup, request.calibration) if request.calibration else lambda found: found
     return Scene(prepare(photograph, rig), rig, depths, request.window, request.pointing, share)
 

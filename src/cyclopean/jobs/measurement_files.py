@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ..files import replacing
+from ..files.disk import write_csv, write_json
 from ..measurement.images import KINDS, Measurement
 from ..rigs import Rig
 from .console import save_figure
@@ -50,15 +47,8 @@ def write_measurements(folder: Path, source: Source, done: Sequence[Measurement]
         "channel": source.channel,
         "measurements": [_entry(number, found) for number, found in enumerate(done, 1)],
     }
-    with replacing(folder / "measurements.json") as file:
-        file.write((json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(COLUMNS)
-    for number, found in enumerate(done, 1):
-        table.writerow(_row(number, found))
-    with replacing(folder / "measurements.csv") as file:
-        file.write(text.getvalue().encode())
+    write_json(folder / "measurements.json", document)
+    write_csv(folder / "measurements.csv", COLUMNS, [_row(number, found) for number, found in enumerate(done, 1)])
 
 
 def write_pictures(folder: Path, source: Source, photograph: np.ndarray, rig: Rig, done: Sequence[Measurement]) -> None:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
 from ..errors import OpticError, SetupError
-from ..files import output_folder, read_setup, replacing
-from .console import console, save_figure
+from ..files import output_folder, read_setup
+from ..files.disk import write_csv
+from .console import chosen_depths, console, save_figure
 
 _COLUMNS = ("depth_mm", "middle_percent", "smallest_percent", "largest_percent", "rms_percent", "row_difference_px",
             "residual_px", "mm_per_px")  # fmt: skip
@@ -35,7 +34,7 @@ def run_model_error(
     if len(rig) < 2:
         raise SetupError(f"{setup_file}: depth needs two views or more, and this {setup.optic.kind} gives {len(rig)}")
     folder = output_folder(output)
-    near, far = rig.check_depths(depths or setup.depths or rig.working_depths)
+    near, far = chosen_depths(depths, setup, rig)
     planes, empty = _planes(rig, [float(f"{depth:.4g}") for depth in np.geomspace(near, far, _DEPTHS)])
     found, failed = [], []
     for name in METHODS if method == "all" else (method,):
@@ -90,10 +89,5 @@ def _table(error, title):
 
 
 def _write_table(path, found):
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["method", *_COLUMNS])
-    for error in found:
-        writer.writerows([error.method, *(f"{value:.6g}" for value in row)] for row in _numbers(error))
-    with replacing(path) as file:
-        file.write(text.getvalue().encode())
+    rows = [[error.method, *(f"{value:.6g}" for value in row)] for error in found for row in _numbers(error)]
+    write_csv(path, ["method", *_COLUMNS], rows)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,8 +13,9 @@ from rich.table import Table
 
 from ..errors import SetupError
 from ..files import output_folder, read_setup, replacing
+from ..files.disk import write_csv
 from .calibration_request import parse_tolerances
-from .console import console, counted, progress_bars, save_figure
+from .console import chosen_depths, console, counted, progress_bars, save_figure
 
 if TYPE_CHECKING:
     from ..analysis.tolerance_errors import DepthErrorSample
@@ -65,7 +64,7 @@ def run_tolerances(request: ToleranceRequest) -> None:
             f"{request.setup}: depth needs two views or more, and this {setup.optic.kind} gives {len(rig)}"
         )
     folder = output_folder(request.output)
-    near, far = rig.check_depths(request.depths or setup.depths or rig.working_depths)
+    near, far = chosen_depths(request.depths, setup, rig)
     depths = [float(f"{depth:.4g}") for depth in np.geomspace(near, far, 5)]
     plan = _plan(request, setup, (near, far))
     with progress_bars() as progress:
@@ -300,18 +299,16 @@ def _captions(analysis, require):
 
 
 def _write_table(path, analysis, require):
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     names = [f"abs_error_{100 * level:g}_percent_mm" for level in _LEVELS]
-    writer.writerow(["calibration", "depth_mm", *names, "bias_mm", "sigma_mm", "first_order_sigma_mm",
-                     f"share_under_{require:g}_percent", "lost_share"])  # fmt: skip
+    columns = ["calibration", "depth_mm", *names, "bias_mm", "sigma_mm", "first_order_sigma_mm"]
+    columns += [f"share_under_{require:g}_percent", "lost_share"]
+    rows = []
     for when, sample in samples_of(analysis):
         quantiles, passing = sample.quantiles(_LEVELS), sample.passing(require)
         for k, depth in enumerate(sample.depths):
             numbers = (*quantiles[k], sample.bias[k], sample.sigma[k], sample.linear_sigma[k], passing[k])
-            writer.writerow([when, f"{depth:g}", *(f"{x:.6g}" for x in (*numbers, sample.lost[k]))])
-    with replacing(path) as file:
-        file.write(text.getvalue().encode())
+            rows.append([when, f"{depth:g}", *(f"{x:.6g}" for x in (*numbers, sample.lost[k]))])
+    write_csv(path, columns, rows)
 
 
 def _write_draws(path, analysis):

@@ -31,6 +31,11 @@ class Pinhole(Protocol):
         ...
 
 
+def homogeneous(pixels: np.ndarray) -> np.ndarray:
+    """Pixels (..., 2) with a third coordinate of 1, (..., 3)."""
+    return np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], -1)
+
+
 def essential_matrix(first: Pinhole, second: Pinhole) -> np.ndarray:
     """The matrix E (3, 3) with ``y2 @ E @ y1 = 0`` for undistorted normalised coordinates y = (x/z, y/z, 1).
 

@@ -11,7 +11,7 @@ from ..errors import OpticError, ShapeError
 from ..geometry import Rays, nearest_point
 from ..rigs.derivatives import lens_derivatives
 from ..rigs.pinhole import pinhole_derivatives
-from ..rigs.two_views import Pinhole, fundamental_matrix, redistorted, undistorted
+from ..rigs.two_views import Pinhole, fundamental_matrix, homogeneous, redistorted, undistorted
 from .points import Points, as_correspondences, as_noise, kept, symmetric_inverse
 
 _ITERATIONS = 12  # 2 do but near an epipole
@@ -44,7 +44,7 @@ def nearest_pair(fundamental: ArrayLike, pixels: ArrayLike) -> np.ndarray:
     pixels = as_correspondences(pixels, 2)
     first, second = pixels[..., 0, :], pixels[..., 1, :]
     core = matrix[:2, :2]
-    gap = np.einsum("...i,ij,...j->...", _homogeneous(second), matrix, _homogeneous(first))
+    gap = np.einsum("...i,ij,...j->...", homogeneous(second), matrix, homogeneous(first))
     normals = start = _normals(matrix, first, second)
     best = pixels
     for _ in range(_ITERATIONS):
@@ -132,13 +132,9 @@ def _covariance(cameras, local):
 
 def _normals(matrix, first, second):
     """Normals (..., 2, 2) of the epipolar lines through a pair, in the first and in the second picture."""
-    in_first = np.einsum("...i,ij->...j", _homogeneous(second), matrix)
-    in_second = np.einsum("ij,...j->...i", matrix, _homogeneous(first))
+    in_first = np.einsum("...i,ij->...j", homogeneous(second), matrix)
+    in_second = np.einsum("ij,...j->...i", matrix, homogeneous(first))
     return np.stack([in_first[..., :2], in_second[..., :2]], -2)
-
-
-def _homogeneous(pixels):
-    return np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], -1)
 
 
 def _straight_rays(cameras, pixels):
@@ -146,7 +142,7 @@ def _straight_rays(cameras, pixels):
     origins, directions = [], []
     for k, camera in enumerate(cameras):
         flat = (pixels[..., k, :] - camera.camera.centre) / camera.camera.focal
-        local = _homogeneous(flat) * ([-1, 1, 1] if camera.mirrored else [1, 1, 1])
+        local = homogeneous(flat) * ([-1, 1, 1] if camera.mirrored else [1, 1, 1])
         direction = local @ camera.camera_from_rig.rotation
         directions.append(direction / np.linalg.norm(direction, axis=-1, keepdims=True))
         origins.append(np.broadcast_to(camera.camera_from_rig.inverse.translation, direction.shape))
