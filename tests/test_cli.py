@@ -182,7 +182,7 @@ def test_results_that_cannot_be_written_fail_before_the_work(files, tmp_path, mo
 
 
 def test_an_interrupted_run_keeps_what_was_made(files, tmp_path, monkeypatch, capsys):
-    from cyclopean import pipeline
+    from cyclopean.pipeline import dense as pipeline
 
     real, calls = pipeline.match, []
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .errors import SetupError
-from .geometry import Rays, Warps
-from .rigs import Rig
+from ..errors import SetupError
+from ..geometry import Rays, Warps
+from ..rigs import Rig
 
 _PROBES = 24  # a grid of pixels a side, and of depths, to choose steps by
 
