@@ -3,10 +3,11 @@
     python -m benchmarks.dense [SCENE ...] [--full]
 
 Photographs and true depths are those of `mitsuba/scenes`, rendered by other people's code; ours and the peer
-both get the true setup. Ours searches 600 to 1600 mm. The peer (`sgbm.py`: pinholes, rectification, StereoSGBM
-in colour) is favoured: its pinholes are fitted between, and its disparities cover, just the scene's true depths,
-and its seconds are those of remapping and matching alone. It matches at the photograph's scale and, with --full,
-at twice that. Without --full, or for some scenes only, nothing is stored in results/dense.json.
+both get the true setup. Ours searches 600 to 1600 mm. The peer is what `cyclopean reconstruct --matcher sgbm` does
+with each pair (pinholes, rectification, StereoSGBM in colour). It is favoured: its pinholes are fitted between, and
+its disparities cover, just the scene's true depths, and its seconds are those of remapping and matching alone. It
+matches at the photograph's scale and, with --full, at twice that. Without --full, or for some scenes only, nothing
+is stored in results/dense.json.
 
 In the scene named chroma the glass disperses: colours of one point lie some px apart, and apart otherwise in each
 view. Its setup and its truth are those of green light; it is measured as it is, and by its green channel alone.
@@ -37,16 +38,18 @@ import cv2
 import numpy as np
 from rich.progress import Progress
 
-from benchmarks import sgbm
 from benchmarks.data import data_folder, renderer_setup
 from benchmarks.results import table, write
 from cyclopean import Camera, Rig, Setup, reconstruct
+from cyclopean.matching.pairwise import sgbm
+from cyclopean.pipeline import find_disparity
+from cyclopean.rectification import exact_depth, partners, pinhole_depth, rectify, tilted_pinhole
 
 DEPTHS = (600.0, 1600.0)  # mm, that ours searches
 NEAR_TRUTH = 0.02  # the peer's depths reach this share beyond the true ones
 SAME_POINT = 0.01  # of the depth: two true samples so near to each other are one point
 ONE_SIGMA_PERCENT = 68.27
-WAYS = {"pinhole": sgbm.pinhole_depth, "exact": sgbm.exact_depth}
+WAYS = {"pinhole": pinhole_depth, "exact": exact_depth}
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,17 +129,17 @@ def peers(truth: Scene, rig: Rig, seen: np.ndarray, scale: int, tick: Callable[[
     masks = np.stack([view.region.mask[:: truth.step, :: truth.step] for view in rig], axis=-1)
     true_depth = truth.points[..., 2]
     depths = np.nanmin(true_depth) * (1 - NEAR_TRUTH), np.nanmax(true_depth) * (1 + NEAR_TRUTH)
-    cameras = [sgbm.pinhole(view, depths) for view in rig]
+    cameras = [tilted_pinhole(view, depths) for view in rig]
     found = {way: np.full(seen.shape, np.nan) for way in WAYS}  # (h, w, V), by the other view
     seconds = 0.0
     for i, j in permutations(range(len(rig)), 2):
-        pair = sgbm.rectify((rig[i], rig[j]), (cameras[i], cameras[j]), depths, scale * truth.setup.camera.focal[0])
+        pair = rectify((rig[i], rig[j]), (cameras[i], cameras[j]), depths, scale * truth.setup.camera.focal[0])
         start = time.perf_counter()
-        disparity = sgbm.match(truth.photograph, pair)
+        disparity = find_disparity(truth.photograph, pair, sgbm())
         seconds += time.perf_counter() - start
         rows, columns = np.nonzero(masks[..., i])
         pixels = truth.step * np.stack([columns, rows], axis=-1)
-        others = sgbm.partners(pair, disparity, pixels)
+        others = partners(pair, disparity, pixels)
         for way, depth in WAYS.items():
             found[way][rows, columns, j] = depth(pair, pixels, others)
         tick()

@@ -37,6 +37,65 @@ def dense(figures: dict[str, float]) -> str:
     return markdown(["scene", *one, *(f"OpenCV {column}" for column in one), "its median / ours"], rows)
 
 
+def dense_real(figures: dict[str, float]) -> str:
+    """Real photographs by ordinary cameras, beside OpenCV's."""
+    cases = {
+        "tsukuba_sgbm": "Tsukuba, OpenCV, 2 views",
+        "tsukuba_2views": "Tsukuba, 2 views",
+        "tsukuba_3views": "Tsukuba, 3 views",
+        "tsukuba_5views": "Tsukuba, 5 views",
+        "aloe_sgbm": "Aloe, OpenCV, 2 views",
+        "aloe_2views": "Aloe, 2 views",
+    }
+    keys = ("bad1_or_none_percent", "bad1_percent", "bad2_or_none_percent", "bad2_percent", "complete_percent")
+    rows = [[name, *(figures[f"{case}_{key}"] for key in (*keys, "seconds"))] for case, name in cases.items()]
+    heads = ["bad-1 or none %", "bad-1 %", "bad-2 or none %", "bad-2 %", "complete %", "s"]
+    return markdown(["photographs", *heads], rows)
+
+
+def dense_scaling(figures: dict[str, float]) -> str:
+    """Time and memory of dense depth by what grows, with the exponents."""
+    names = {
+        "megapixels": "million pixels",
+        "disparities": "px of disparity",
+        "views": "views",
+        "threads": "threads",
+    }
+    rows: list[list[object]] = []
+    for what, name in names.items():
+        end = "_processor_seconds"
+        keys = [key for key in figures if key.startswith(f"{what}_") and key.endswith(end)]
+        values = sorted((key.removeprefix(f"{what}_").removesuffix(end) for key in keys), key=float)
+        for value in values:
+            measured = (figures[f"{what}_{value}_{key}"] for key in ("seconds", "processor_seconds", "mib"))
+            rows.append([f"{name}: {value}", *measured])
+        time = "seconds" if what == "threads" else "processor_seconds"
+        exponents = {key: figures[f"{what}_{key}_exponent"] for key in (time, "mib")}
+        rows.append([f"exponent of {name}", *(f"{exponents[key]:.2f}" if key in exponents else ""
+                                              for key in ("seconds", "processor_seconds", "mib"))])  # fmt: skip
+    return markdown(["", "s", "processor s", "MiB"], rows)
+
+
+def dense_limits(figures: dict[str, float]) -> str:
+    """Stages of the matcher beside the limits of one core."""
+    end = "_bandwidth_percent"
+    keys = ("bytes", "operations", "million_per_s", "bandwidth_percent", "arithmetic_percent")
+    stages = [key.removesuffix(end) for key in figures if key.endswith(end)]
+    rows = [[stage.replace("_", " "), *(figures[f"{stage}_{key}"] for key in keys)] for stage in stages]
+    return markdown(["stage", "bytes", "operations", "million/s", "of bandwidth %", "of arithmetic %"], rows)
+
+
+def dense_machine(figures: dict[str, float]) -> str:
+    """The limits of one core that stages are compared to."""
+    rows: list[list[object]] = [
+        ["memory, GB/s", figures["triad_gigabytes_per_s"]],
+        ["additions and minima of 16 bits, 10^9/s", figures["int16_gigaops_per_s"]],
+        ["multiplications and additions of 32 bits, 10^9/s", figures["float32_gigaops_per_s"]],
+        ["lookups in the cache, 10^9/s", figures["lookups_giga_per_s"]],
+    ]
+    return markdown(["limit of one core", "rate"], rows)
+
+
 def optics(figures: dict[str, float]) -> str:
     """Rates of tracing rays and projecting points, each beside how many times faster ours is."""
     rows = []
@@ -224,6 +283,10 @@ TABLES = {  # name -> file of figures, table
     "accuracy": ("accuracy", accuracy),
     "calibration": ("calibration", calibration),
     "dense": ("dense", dense),
+    "dense_limits": ("dense_limits", dense_limits),
+    "dense_machine": ("dense_limits", dense_machine),
+    "dense_real": ("dense_real", dense_real),
+    "dense_scaling": ("dense_scaling", dense_scaling),
     "epipolar": ("epipolar", epipolar),
     "measuring": ("measuring", measuring),
     "optics": ("optics", optics),

@@ -19,7 +19,7 @@ LAYERS = (
     ("rigs",),
     ("triangulation", "targets", "epipolar"),
     ("simulation", "rectification", "matching", "calibration", "correspondence"),
-    ("analysis", "measurement"),
+    ("analysis", "measurement", "fusion"),
     ("design", "experiments"),
     ("files", "plotting"),
     ("pipeline",),

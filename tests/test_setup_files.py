@@ -195,7 +195,11 @@ MEDIUM = 'the name of a medium, such as "water", or an index from 1 to 5'
         ("camera", "focal_cm = 2", ": lengths on the picture are in px: focal_px; lengths are in mm: focal_mm"),
         ("camera", "wavelength_nm = 500", ": this key belongs in [light]"),
         ("optic", "beyond = 1.5", ': this key belongs in [optic] of kind "plate"'),
-        ("light", 'colour = "red\\nish"', ": unknown key; the known ones are wavelength_nm"),
+        (
+            "light",
+            'colour = "red\\nish"',
+            ": unknown key; the known ones are wavelength_nm, channel_wavelengths_nm, dispersion",
+        ),
         # wrong types and ranges
         ("camera", "size_px = [1280, 960.5]", " must be two whole numbers of px from 1 to 100000, [width, height]"),
         ("camera", "focal_px = -3", " must be a number of px above 0, or two, [x, y]"),

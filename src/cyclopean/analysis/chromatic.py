@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..errors import MediumError, SetupError
 from ..geometry import as_points
 from ..optics import Medium, medium
 from ..rigs import Setup
+from ..rigs.colours import bends_colours, coloured, has_dispersion, index_at
 from ..triangulation import triangulate
 from ..triangulation.sensitivity import point_response
 
@@ -49,47 +50,6 @@ class FilterAdvice(NamedTuple):
     def width(self) -> float:
         """nm, the narrower of the two."""
         return min(self.width_for_blur, self.width_for_bias)
-
-
-def index_at(setup: Setup, wavelength_nm: float, glass: str | Medium | None = None) -> float:
-    """Index of the optic relative to its surroundings at a wavelength, nm.
-
-    With `glass` its dispersion is added to the index that the setup states at its own wavelength. Without it, a glass
-    that the setup gives as a number has none, and that is an error.
-    """
-    believed = _stated_index(setup)
-    material = setup.optic.glass if glass is None else glass  # type: ignore[attr-defined]
-    if not has_dispersion(material):
-        raise MediumError(
-            f"the setup gives its glass as a number ({believed:.5g}), which says nothing about other colours; "
-            "name the glass as well, such as N-BK7"
-        )
-    surroundings = medium(setup.optic.surroundings)  # type: ignore[attr-defined]
-    named = medium(material)
-
-    def ratio(nm):
-        return float(named.index_in_air(nm)) / float(surroundings.index_in_air(nm))
-
-    return believed + ratio(wavelength_nm) - ratio(setup.wavelength_nm)
-
-
-def has_dispersion(material: str | float | Medium) -> bool:
-    """Whether a glass is more than a number."""
-    return medium(material).formula != "constant"
-
-
-def bends_colours(setup: Setup) -> bool:
-    """Whether the optic refracts: mirrors treat all colours alike."""
-    return "index" in setup.optic.parameter_names
-
-
-def coloured(setup: Setup, wavelength_nm: float, glass: str | Medium | None = None) -> Setup:
-    """The setup as light of another wavelength (nm) meets it; its own for an optic of mirrors."""
-    if not bends_colours(setup):
-        return setup
-    values = np.array(setup.optic.parameters(setup.wavelength_nm))
-    values[setup.optic.parameter_names.index("index")] = index_at(setup, wavelength_nm, glass)
-    return replace(setup, optic=setup.optic.with_parameters(values))
 
 
 def index_slope(setup: Setup, wavelength_nm: float | None = None, glass: str | Medium | None = None) -> float:
@@ -272,11 +232,6 @@ def _largest(holds):
         middle = (low + high) / 2
         low, high = (middle, high) if holds(middle) else (low, middle)
     return low
-
-
-def _stated_index(setup):
-    values = setup.optic.parameters(setup.wavelength_nm)
-    return float(values[setup.optic.parameter_names.index("index")])
 
 
 def _checked_band(band):

@@ -13,7 +13,7 @@ from cyclopean import __version__
 from ..errors import SetupError
 from ..jobs.words import Whole
 
-__all__ = ["OutFolder", "SetupFile", "Whole", "app", "parse_depths"]
+__all__ = ["OutFolder", "SetupFile", "SetupFiles", "Whole", "app", "parse_depths"]
 
 app = cyclopts.App(
     name="cyclopean",
@@ -23,6 +23,7 @@ app = cyclopts.App(
 )
 
 SetupFile = Annotated[Path, Parameter(name=["--setup", "-s"])]
+SetupFiles = Annotated[list[Path], Parameter(name=["--setup", "-s"], negative="")]
 OutFolder = Annotated[Path, Parameter(name=["--output", "-o"])]
 
 

@@ -20,6 +20,7 @@ def write_ply(
     normals: ArrayLike | None = None,
     covariance: ArrayLike | None = None,
     sigma: ArrayLike | None = None,
+    views: ArrayLike | None = None,
 ) -> int:
     """Write points as binary PLY; points that are NaN are left out.
 
@@ -37,6 +38,8 @@ def write_ply(
         mm^2; the six numbers of its upper half become covariance_xx to covariance_zz.
     sigma : (...,) array, optional
         Standard deviation of each point's depth, mm.
+    views : (...,) uint8 array, optional
+        How many views have each point.
 
     Returns
     -------
@@ -58,7 +61,9 @@ def write_ply(
     if normals is not None:
         columns |= zip(("nx", "ny", "nz"), np.nan_to_num(kept("normals", normals, 3)).T, strict=True)
     if colors is not None:
-        columns |= zip(("red", "green", "blue"), _as_bytes(kept("colors", colors, 3)).T, strict=True)
+        columns |= zip(("red", "green", "blue"), _as_bytes("colors", kept("colors", colors, 3)).T, strict=True)
+    if views is not None:
+        columns["views"] = _as_bytes("views", kept("views", views))
     if sigma is not None:
         columns["sigma"] = kept("sigma", sigma).astype(np.float32)
     if covariance is not None:
@@ -71,10 +76,10 @@ def write_ply(
     return table.size
 
 
-def _as_bytes(colors):
-    if colors.dtype != np.uint8:
-        raise ShapeError(f"colors must be uint8, 0 to 255, got {colors.dtype}")
-    return colors
+def _as_bytes(name, values):
+    if values.dtype != np.uint8:
+        raise ShapeError(f"{name} must be uint8, 0 to 255, got {values.dtype}")
+    return values
 
 
 def _table(columns):

@@ -14,7 +14,9 @@ UNITS = {"mm": 1.0, "cm": 0.1, "m": 0.001, "inch": 1 / 25.4}  # of one mm
 _KINDS = (".stl", ".ply", ".obj")
 
 
-def write_mesh(path: PathLike, vertices: ArrayLike, faces: ArrayLike, unit: str = "mm") -> int:
+def write_mesh(
+    path: PathLike, vertices: ArrayLike, faces: ArrayLike, unit: str = "mm", colors: ArrayLike | None = None
+) -> int:
     """Write a surface of triangles as binary STL, binary PLY or OBJ, as the ending of the path says.
 
     None of these formats knows a unit: whoever opens the file must be told.
@@ -29,6 +31,8 @@ def write_mesh(path: PathLike, vertices: ArrayLike, faces: ArrayLike, unit: str 
         Rows of `vertices`, counter-clockwise as seen from outside.
     unit : "mm", "cm", "m" or "inch"
         Unit that the file's numbers are in.
+    colors : (N, 3) uint8 array, optional
+        Red, green and blue of the corners; STL knows no colours and leaves them out.
 
     Returns
     -------
@@ -52,11 +56,22 @@ def write_mesh(path: PathLike, vertices: ArrayLike, faces: ArrayLike, unit: str 
     vertices, faces = _checked(vertices, faces)
     import trimesh
 
-    mesh = trimesh.Trimesh(vertices * UNITS[unit], faces, process=False)
+    mesh = trimesh.Trimesh(vertices * UNITS[unit], faces, process=False, vertex_colors=_as_colors(colors, vertices))
     data = mesh.export(file_type=ending[1:])
     with replacing(path) as file:
         file.write(data.encode("ascii") if isinstance(data, str) else data)  # type: ignore[arg-type]
     return len(faces)
+
+
+def _as_colors(colors, vertices):
+    """Colours (N, 3) uint8 of vertices (N, 3), or None, or an error."""
+    if colors is None:
+        return None
+    colors = np.asarray(colors)
+    if colors.shape != vertices.shape or colors.dtype != np.uint8:
+        wanted = f"uint8 of shape {vertices.shape}, as the vertices are"
+        raise ShapeError(f"colors must be {wanted}, got {colors.dtype} of shape {colors.shape}")
+    return colors
 
 
 def _checked(vertices, faces):

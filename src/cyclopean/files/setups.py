@@ -90,7 +90,7 @@ def write_setup(setup: Setup, path: PathLike) -> None:
 
 
 def _document(setup: Setup) -> dict[str, Any]:
-    from .tables import IN_CAMERA, OPTICS, CameraTable
+    from .tables import IN_CAMERA, OPTICS, CameraTable, LightTable
 
     kind = getattr(setup.optic, "kind", None)
     if kind not in OPTICS:
@@ -103,7 +103,7 @@ def _document(setup: Setup) -> dict[str, Any]:
     document = {
         "camera": camera,
         "optic": {"kind": kind, **_table(setup.optic, OPTICS[kind], "_mm")},
-        "light": {"wavelength_nm": float(setup.wavelength_nm)},
+        "light": _plain({key: getattr(setup, key) for key in LightTable.model_fields}),
     }
     if setup.depths is not None:
         document["scene"] = {"depth_mm": _plain(setup.depths)}

@@ -34,6 +34,12 @@ def _known_medium(name: str) -> str:
     return name
 
 
+def _known_glass(name: str) -> str:
+    if medium(name).formula == "constant":
+        raise ValueError("is a medium without dispersion")
+    return name
+
+
 # Files are read with decimal numbers, so that micrometres become millimetres without a rounding.
 Number = Annotated[float, BeforeValidator(_as_float), Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
@@ -41,6 +47,7 @@ Whole = Annotated[int, BeforeValidator(_as_int), Field(strict=True, ge=0)]
 Pixels = Annotated[Whole, Field(ge=1, le=100_000)]
 Index = Annotated[Number, Field(ge=1, le=5)]
 Name = Annotated[str, Field(strict=True), AfterValidator(_known_medium)]
+Dispersing = Annotated[str, Field(strict=True), AfterValidator(_known_glass)]
 Micrometres = Annotated[Decimal, BeforeValidator(_as_decimal), Field(strict=True, gt=0, lt=10**6, allow_inf_nan=False)]
 
 GLASS = 'the name of a glass, such as "N-BK7" (an index is a number and goes into the key index)'
@@ -235,6 +242,12 @@ class LightTable(Table):
     """[light]"""
 
     wavelength_nm: Positive | None = Field(None, description="a number of nm above 0")
+    channel_wavelengths_nm: tuple[Positive, Positive, Positive] | None = Field(
+        None, description="three numbers of nm above 0, [red, green, blue]"
+    )
+    dispersion: Dispersing | None = Field(
+        None, description='the name of a glass, such as "N-BK7", whose dispersion counts where index is a number'
+    )
 
 
 class SceneTable(Table):
@@ -259,7 +272,7 @@ class SetupTable(Table):
     optic: Annotated[PrismTable | MirrorsTable | PlateTable, Field(discriminator="kind")] = Field(
         description='a table, with kind = "prism", "mirrors" or "plate"'
     )
-    light: LightTable | None = Field(None, description="a table, with wavelength_nm")
+    light: LightTable | None = Field(None, description="a table, with wavelength_nm or channel_wavelengths_nm")
     scene: SceneTable | None = Field(None, description="a table, with depth_mm")
 
     @model_validator(mode="after")

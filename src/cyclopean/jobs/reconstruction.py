@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
 
-from ..errors import ImageError
+from ..errors import SetupError
 from ..files import (
     check_exposure,
     output_folder,
     read_photograph,
-    read_setup,
     replacing,
     write_depths,
     write_ply,
 )
+from ..files.meshes import write_mesh
+from ..geometry import as_rgb
+from .colours import chosen_colours, read_setups
 from .console import console, progress_bars, save_figure, use_threads
+from .matchers import chosen_engine
 
 if TYPE_CHECKING:
     from ..pipeline import Reconstruction
@@ -34,32 +38,35 @@ def demo_files() -> tuple[Path, Path]:
 
 def run_reconstruction(
     photo: Path,
-    setup_file: Path,
+    setup_file: Path | Sequence[Path],
     output: Path,
     depths: tuple[float, float] | None,
     step: float,
     memory_mib: float,
     threads: int | None,
     channel: str = "all",
+    matcher: str = "cyclopean",
+    scale: float = 2,
+    mesh: str | None = None,
+    mesh_step: int = 2,
 ) -> None:
     """Read, reconstruct and write everything; see `cyclopean reconstruct`."""
-    from .. import pipeline
-
     started = time.perf_counter()
-    setup = read_setup(setup_file)
-    photograph = read_photograph(photo, setup.camera.size)
+    if mesh and mesh_step < 1:
+        raise SetupError(f"--mesh-step must be 1 px or more, got {mesh_step}")
+    engine = chosen_engine(matcher, scale, step, memory_mib)
+    setup_files = [setup_file] if isinstance(setup_file, Path) else list(setup_file)
+    setups = read_setups(setup_files)
+    photograph = read_photograph(photo, setups[0].camera.size)
     folder = output_folder(output)
     use_threads(threads)
-    rig = setup.rig()
-    if channel != "all":
-        if photograph.ndim == 2:
-            raise ImageError(f"{photo} is grey: it has no {channel} channel; leave --channel out")
-        photograph = np.ascontiguousarray(photograph[..., ("red", "green", "blue").index(channel)])
-    warnings = check_exposure(photograph, rig.masks)
+    photograph, rig, _, depths, note, warnings = chosen_colours(photo, photograph, setups, channel, depths)
+    warnings += check_exposure(photograph, rig.masks)
     for warning in warnings:
         console.print(f"warning: {warning}", style="yellow")
-    depths = depths or setup.depths or rig.working_depths
     console.print(f"{photo.name}: {len(rig)} views, searching depths {depths[0]:g} to {depths[1]:g} mm")
+    if note:
+        console.print(note)
     kept: list[Path] = []
 
     def keep(k, depth_map):
@@ -69,33 +76,44 @@ def run_reconstruction(
         kept.append(path)
 
     with progress_bars() as progress:
-        result = pipeline.reconstruct(
-            photograph, rig, depths, step=step, memory_mib=memory_mib, progress=progress, keep=keep
-        )
+        result = engine.run(photograph, rig, depths, progress=progress, keep=keep)
     matched = time.perf_counter() - started
     with console.status("writing points, pictures and report"):
-        write_results(folder, photo, setup_file, photograph, result, matched, step, warnings)
+        write_results(folder, photo, setup_files, photograph, result, matched, engine.settings, warnings)
+        mesh_file = mesh and write_surface(folder / f"mesh.{mesh}", photograph, result, mesh_step)
     for path in kept:
         path.unlink(missing_ok=True)
-    say_results(result, folder, time.perf_counter() - started)
+    say_results(result, folder, time.perf_counter() - started, mesh_file)
+
+
+def write_surface(path: Path, photograph: np.ndarray, result: Reconstruction, stride: int) -> str:
+    """Write the fused surface as a mesh in the colours of the photograph; a few words about it."""
+    from ..fusion import build_mesh
+
+    surface = build_mesh(result.rig, result.maps, stride=stride)
+    if not len(surface.faces):
+        return "no mesh: no surface was found"
+    colours = as_rgb(photograph)[surface.pixels[:, 1], surface.pixels[:, 0]]
+    count = write_mesh(path, surface.vertices, surface.faces, colors=colours)
+    return f"{path.name}  {count:,} triangles"
 
 
 def write_results(
     folder: Path,
     photo: Path,
-    setup_file: Path,
+    setup_files: Sequence[Path],
     photograph: np.ndarray,
     result: Reconstruction,
     seconds: float,
-    step: float,
+    engine: Sequence[tuple[str, str]],
     warnings: list[str],
 ) -> None:
-    """Write the numbers first, then the pictures, then the report."""
+    """Write the numbers first, then the pictures, then the report; `engine` are its settings, as names and values."""
     from .. import plotting
 
     sigma = np.sqrt(result.covariance[:, 2, 2])
     write_ply(
-        folder / "points.ply", result.points, colors=result.colours, covariance=result.covariance, sigma=sigma
+        folder / "points.ply", result.points, result.colours, result.normals, result.covariance, sigma, result.views
     )  # fmt: skip
     write_depths(
         folder / "depth.npz", depth=result.depth, confidence=result.confidence, sigma=result.sigma, view=result.view
@@ -108,10 +126,10 @@ def write_results(
     height, width = photograph.shape[:2]
     settings = [
         ("photograph", f"{photo.name}, {width} x {height} px, {photograph.dtype}"),
-        ("setup", setup_file.name),
+        ("setup", ", ".join(file.name for file in setup_files)),
         ("depth range (mm)", f"{result.depths[0]:g} to {result.depths[1]:g}"),
-        ("step between hypotheses (px)", f"{step:g}"),
-        ("points", f"{len(result.points):,}"),
+        *engine,
+        ("points", f"{len(result.points):,}, fused from {np.isfinite(result.depth).sum():,} pixels with depth"),
         ("time without pictures (s)", f"{seconds:.1f}"),
     ]
     pictures = {
@@ -122,7 +140,7 @@ def write_results(
     plotting.write_report(
         folder / "report.html",
         f"Reconstruction of {photo.name}",
-        "Lengths in mm. Sigma is the standard deviation that the matcher states for each depth.",
+        "Lengths in mm. Sigma is the standard deviation that is stated for each depth.",
         {"Views": view_table(result), "Settings": (("setting", "value"), settings)},
         pictures,
         warnings,
@@ -145,7 +163,7 @@ def view_row(result: Reconstruction, k: int) -> tuple[str, ...]:
     return str(k), f"{mine.sum():,}", f"{share:.1f}", f"{median:.1f}", f"{spread:.3f}"
 
 
-def say_results(result: Reconstruction, folder: Path, seconds: float) -> None:
+def say_results(result: Reconstruction, folder: Path, seconds: float, mesh: str | None = None) -> None:
     """Tell the person what came out."""
     columns, rows = view_table(result)
     table = Table(*columns, box=None)
@@ -158,5 +176,10 @@ def say_results(result: Reconstruction, folder: Path, seconds: float) -> None:
             "hold the scene, and is the scene textured?",
             style="yellow",
         )
-    console.print(f"{len(result.points):,} points in {seconds:.1f} s -> {folder}/")
+    console.print(
+        f"{np.isfinite(result.depth).sum():,} pixels with depth fused to {len(result.points):,} points in "
+        f"{seconds:.1f} s -> {folder}/"
+    )
     console.print("  points.ply  depth.npz  depth.png  regions.png  overview.png  report.html")
+    if mesh:
+        console.print(f"  {mesh}")

@@ -1,35 +1,72 @@
 """Cross-checking: a point stays if other views' depth maps have it too."""
 
 import numpy as np
+from numba import njit, prange
 
-from ..errors import ShapeError
+from .places import FAST, MARGIN, follow, row_of_polynomials
+
+_ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
-def agreement(inverse_depth, seen, tolerance):
-    """Say which pixels of a depth map survive a look at the depth maps of the other views.
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _compare(depth, places, frame, flat, tolerance, agree, objecting):
+    """Look one row up in the map of another view."""
+    left, top, width, height = frame[0], frame[1], frame[2], frame[3]
+    for x in range(len(depth)):
+        i = np.int32(min(max(places[0, x] - left + _HALF, _ZERO), width - _ONE))
+        j = np.int32(min(max(places[1, x] - top + _HALF, _ZERO), height - _ONE))
+        nearer = depth[x] - flat[np.uint32(j * np.int32(width) + i)]  # NaN on the rim and where nothing is known
+        agree[x] += _ONE if abs(nearer) <= tolerance else _ZERO
+        objecting[x] += _ONE if nearer > tolerance else _ZERO
 
-    Project the points of the map into the other views and look up their maps there (`DepthMap.at`). A view
-    agrees if it has the same inverse depth, it objects if it looks through the point at something farther;
-    something nearer hides the point and says nothing. A pixel survives if views agree and no more object.
+
+@njit(parallel=True, cache=True, fastmath=FAST, error_model="numpy")
+def _checked(depth, lines, spacing, half, others, frames, starts, maps, tolerance):
+    height, width = depth.shape
+    good = np.zeros((height, width), np.bool_)
+    channels, count = len(lines) // len(others), lines.shape[2] // 2
+    for y in prange(height):
+        polynomials, places = np.empty((2 * count, width), np.float32), np.empty((2, width), np.float32)
+        s, agree, objecting = np.empty(width, np.float32), np.zeros(width, np.float32), np.zeros(width, np.float32)
+        for x in range(width):
+            s[x] = depth[y, x] / half - _ONE if depth[y, x] == depth[y, x] else _ZERO
+        for k in range(len(others)):
+            view = others[k]
+            row_of_polynomials(lines[k * channels, :, :, MARGIN : MARGIN + width], spacing, y, polynomials)
+            for axis in range(2):
+                follow(polynomials[axis * count : (axis + 1) * count], s, places[axis])
+            flat = maps[starts[view] : starts[view + 1]]
+            _compare(depth[y], places, frames[view], flat, tolerance, agree, objecting)
+        for x in range(width):
+            good[y, x] = agree[x] > 0 and agree[x] >= objecting[x]
+    return good
+
+
+def agreement(plan, maps, tolerance):
+    """Say which pixels of each depth map survive a look at those of the other views.
+
+    Each pixel is looked up in the other maps where its own depth puts it. A view agrees if it has the same inverse
+    depth, it objects if it looks through the point at something farther; something nearer hides the point and says
+    nothing. A pixel survives if views agree and no more object.
 
     Parameters
     ----------
-    inverse_depth : (h, w) array
-        The map to check, 1/mm; NaN unknown.
-    seen : (V-1, h, w) array
-        What the maps of the other views have where each point lands, 1/mm; NaN unknown.
-    tolerance : float or (h, w) array
-        Largest difference between maps that agree, 1/mm; one step of the hypotheses (half a pixel) does well.
+    plan : Plan
+        Maps between the views.
+    maps : sequence of (h, w) float32 arrays
+        Inverse depth of each view's box in hypotheses; NaN unknown.
+    tolerance : float
+        Largest difference between maps that agree, hypotheses.
 
     Returns
     -------
-    (h, w) bool array
+    list of (h, w) bool arrays
         Pixels that survive.
     """
-    inverse_depth, seen = np.asarray(inverse_depth), np.asarray(seen)
-    if seen.shape[1:] != inverse_depth.shape:
-        raise ShapeError(f"seen must have shape (V-1, h, w) with (h, w) = {inverse_depth.shape}, got {seen.shape}")
-    nearer = inverse_depth - seen  # of the point, before what the other view sees
-    agree = np.sum(np.abs(nearer) <= tolerance, axis=0)  # comparisons with NaN are false: it says nothing
-    object_ = np.sum(nearer > tolerance, axis=0)
-    return (agree > 0) & (agree >= object_)
+    layout = plan.layouts[0]
+    flat = layout.packed([[one] for one in maps])[0] + layout.hidden
+    arrays = layout.frames, layout.starts, flat, np.float32(tolerance)
+    return [
+        _checked(one, reference.lines[1], reference.spacing, reference.half(1), reference.others, *arrays)
+        for one, reference in zip(maps, plan.references, strict=True)
+    ]

@@ -1,190 +1,267 @@
-"""How badly the views disagree at each pixel and hypothesis."""
+"""How badly the views disagree at each pixel and hypothesis: zero-mean normalised cross-correlation."""
 
 import numpy as np
 from numba import njit, prange
 
-from .views import FAST, look
+from .bands import store
+from .places import FAST, MARGIN, row_of_polynomials
 
-N = 128  # neighbouring pixels whose windows are summed together
-REACH = 8  # margin beside them, and so the largest half width of a window
-UNSEEN = np.float32(4)  # costs of a view lie in 0..2; this marks a pixel that the view does not see
-
-_RADIUS = 2  # half width of the windows that are compared, px
-_NOISE = 1.0  # variance of a grey level below which windows count as blank
-_CEILING = 0.7  # 1 - ZNCC of views that show something else
-
-_M = N + 2 * REACH
-
-
-@njit(cache=True, fastmath=FAST)
-def _add_row(s, weight, reference, warped, seen):
-    """Add one row of one channel to the column sums: seen, r, w, r r, w w, r w.
-
-    The sums lie one after the other in one array with steps known to the compiler: only so does it vectorise.
-    """
-    for x in range(_M):
-        m = weight * seen[x]
-        r, w = m * reference[x], m * warped[x]
-        s[x] += m
-        s[_M + x] += r
-        s[2 * _M + x] += w
-        s[3 * _M + x] += r * reference[x]
-        s[4 * _M + x] += w * warped[x]
-        s[5 * _M + x] += r * warped[x]
+TILE = 64  # px, rows and columns worked on together
+_WIDE = TILE + 2  # with the margin of the windows, whose half width is one
+_NOISE = np.float32(1)  # variance of a grey level below which windows count as blank
+_CEILING = np.float32(0.7)  # 1 - ZNCC of views that show something else
+_UNSEEN = np.float32(0.55)  # cost, of 0 to 1, of what no view sees: neither good nor bad
+_ZERO, _HALF, _ONE, _TWO = np.float32(0), np.float32(0.5), np.float32(1), np.float32(2)
+_SHARE = np.float32(1 / 16)  # of a window whose weights are 1 2 1 down and across
 
 
-@njit(cache=True, fastmath=FAST)
-def _add_columns(window, weight, s):
-    """Add the N leading column sums to the windows."""
-    for x in range(N):
-        window[x] += weight * s[x]
-        window[N + x] += weight * s[_M + x]
-        window[2 * N + x] += weight * s[2 * _M + x]
-        window[3 * N + x] += weight * s[3 * _M + x]
-        window[4 * N + x] += weight * s[4 * _M + x]
-        window[5 * N + x] += weight * s[5 * _M + x]
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _last(line, out):
+    for x in range(_WIDE):
+        out[x] = line[x]
 
 
-@njit(cache=True, fastmath=FAST)
-def _add_channel(total, window, floor):
-    """Add one channel's covariance and the two variances of every window."""
-    for x in range(N):
-        count, r, w = window[x], window[N + x], window[2 * N + x]
-        share = np.float32(1) / max(count, np.float32(1))
-        noise = floor * count
-        total[x] += window[5 * N + x] - r * w * share
-        total[N + x] += window[3 * N + x] - r * r * share + noise
-        total[2 * N + x] += window[4 * N + x] - w * w * share + noise
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _horner(line, s, out):
+    for x in range(_WIDE):
+        out[x] = out[x] * s + line[x]
 
 
-@njit(parallel=True, cache=True, fastmath=FAST)
-def dissimilarity(reference, warped, seen, radius, floor, width):
-    """1 - ZNCC of square windows, all channels together.
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _nearest(u, v, frame, at):
+    """Flat index of the nearest pixel of a picture, clamped to its rim."""
+    left, top, width, height, scale = frame
+    for x in range(_WIDE):
+        a = min(max((u[x] - left) * scale + _HALF, _ZERO), width - _ONE)
+        b = min(max((v[x] - top) * scale + _HALF, _ZERO), height - _ONE)
+        at[x] = np.int32(b) * np.int32(width) + np.int32(a)
 
-    Weights fall off linearly from the middle of a window, which keeps the edges of things in place.
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _take(flat, at, out):
+    for x in range(_WIDE):
+        out[x] = flat[np.uint32(at[x])]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _look(place, s, frame, flat, work, at, out):
+    """One row of what another view shows at one hypothesis."""
+    count = place.shape[0] // 2
+    u, v = work[0], work[1]
+    _last(place[count - 1], u)
+    _last(place[2 * count - 1], v)
+    for c in range(count - 2, -1, -1):
+        _horner(place[c], s, u)
+        _horner(place[count + c], s, v)
+    _nearest(u, v, (frame[0], frame[1], frame[2], frame[3], frame[4]), at)
+    _take(flat, at, out)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _down(w, r, columns):
+    """Weighted sums down three rows, which lie one after the other: w, w w, r w."""
+    for x in range(_WIDE):
+        a, b, c = w[x], w[_WIDE + x], w[2 * _WIDE + x]
+        columns[x] = a + _TWO * b + c
+        columns[_WIDE + x] = a * a + _TWO * b * b + c * c
+        columns[2 * _WIDE + x] = a * r[x] + _TWO * b * r[_WIDE + x] + c * r[2 * _WIDE + x]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _across(columns, sums):
+    """Weighted sums across three columns, of each of the three numbers."""
+    for x in range(TILE):
+        sums[x] = columns[x] + _TWO * columns[x + 1] + columns[x + 2]
+    for x in range(TILE):
+        y = _WIDE + x
+        sums[TILE + x] = columns[y] + _TWO * columns[y + 1] + columns[y + 2]
+    for x in range(TILE):
+        y = 2 * _WIDE + x
+        sums[2 * TILE + x] = columns[y] + _TWO * columns[y + 1] + columns[y + 2]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _moments(sums, mean, power):
+    for x in range(TILE):
+        mean[x] = sums[x] * _SHARE
+        power[x] = sums[TILE + x] * _SHARE - mean[x] * mean[x] + _NOISE
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _add_cost(sums, mean, power, total, count):
+    """Add 1 - ZNCC of every window, cut off at the ceiling; windows of which something is unseen say nothing."""
+    for x in range(TILE):
+        w = sums[x] * _SHARE
+        variance = sums[TILE + x] * _SHARE - w * w + _NOISE
+        both = sums[2 * TILE + x] * _SHARE - w * mean[x]
+        cost = _ONE - both / np.sqrt(max(variance * power[x], np.float32(1e-6)))
+        seen = cost < np.float32(4)  # not so for NaN
+        total[x] += min(cost, _CEILING) if seen else _ZERO
+        count[x] += _ONE if seen else _ZERO
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _levels(total, count, plane):
+    for x in range(TILE):
+        cost = total[x] / (count[x] * _CEILING + np.float32(1e-9)) if count[x] > _ZERO else _UNSEEN
+        plane[x] = np.int32(max(cost, _ZERO) * np.float32(255) + _HALF) & 255
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _prepared(own, lines, spacing, stride, y0, x0, rows, places, r, mean, power):
+    """The reference's part of a tile: its places' polynomials, its pixels, its windows' means and variances."""
+    for j in range(rows + 2):
+        for c in range(own.shape[0]):
+            r[c, j * _WIDE : (j + 1) * _WIDE] = own[c, y0 + j, x0 : x0 + _WIDE]
+        for look in range(len(lines)):
+            y = max((y0 + j - 1) * stride, 0)
+            left = x0 + MARGIN - 1
+            row_of_polynomials(lines[look, :, :, left : left + _WIDE], spacing, y, places[look, j])
+    columns, sums = np.empty(3 * _WIDE, np.float32), np.empty(3 * TILE, np.float32)
+    for c in range(own.shape[0]):
+        for j in range(rows):
+            _down(r[c, j * _WIDE :], r[c, j * _WIDE :], columns)
+            _across(columns, sums)
+            _moments(sums, mean[c, j], power[c, j])
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _plane(s, others, frames, starts, values, places, rows, r, mean, power, room, plane):
+    """Costs of one hypothesis for one tile."""
+    total, count, w, work, at, columns, sums = room
+    total[:] = 0
+    count[:] = 0
+    channels = len(values)
+    for look in range(len(places)):
+        view, c = others[look // channels], look % channels
+        flat = values[c, starts[view] : starts[view + 1]]
+        for j in range(rows + 2):
+            _look(places[look, j], s, frames[view], flat, work, at, w[j * _WIDE :])
+        for j in range(rows):
+            _down(w[j * _WIDE :], r[c, j * _WIDE :], columns)
+            _across(columns, sums)
+            _add_cost(sums, mean[c, j], power[c, j], total[j], count[j])
+    for j in range(rows):
+        _levels(total[j], count[j], plane[j])
+
+
+@njit(parallel=True, cache=True, fastmath=FAST, error_model="numpy")
+def fill(own, lines, spacing, stride, half, others, frames, starts, values, first, count, start, size, top, volume):
+    """Costs of every hypothesis of every tile of a strip.
 
     Parameters
     ----------
-    reference, warped : (C, h, wide) float32 arrays
-        The two pictures; finite everywhere. Column REACH is column 0 of the box, and there are whole blocks
-        of N columns with a margin of REACH on both sides.
-    seen : (h, wide) float32 array
-        1 where both pictures count, else 0.
-    radius : int
-        Half width of the window, px, up to REACH.
-    floor : float
-        Variance of a pixel's noise; windows with less contrast than that look alike to nothing.
-    width : int
-        Width of the box.
-
-    Returns
-    -------
-    (h, width) float32 array
-        0 (same) to 2 (opposite); UNSEEN where the pixel itself or half of its window is not seen.
+    own : (C, h + 2 + TILE, w + 2 + TILE) float32 array
+        The reference with a margin of one and room for whole tiles, NaN outside of the view.
+    lines : ((V-1) C, Ny, 2 K, ...) float32 array
+        Polynomials of the places, from `lines_of`.
+    spacing, stride : int
+        Pixels between lines; pixels of the photograph between those of the reference.
+    half : float
+        Half of the last hypothesis number.
+    others : (V-1,) int array
+        The other views.
+    frames, starts, values : arrays
+        `Pictures` of all views, twice as fine as the reference; NaN outside of a view.
+    first, count, start : (Ty, Tx) arrays
+        The bands of the strip's tiles, and where their costs begin in ``volume``.
+    size : (int, int)
+        Columns of the box, last row of the strip.
+    top : int
+        First row of the strip.
+    volume : flat uint8 array, written
+        0 (all views alike) to 255 (nothing alike); see `Bands`.
     """
-    channels, height, _ = reference.shape
-    cost = np.empty((height, width), np.float32)
-    enough = np.float32((radius + 1) ** 4) / np.float32(2)
-    for y in prange(height):
-        columns, window = np.empty(6 * _M, np.float32), np.empty(6 * N, np.float32)
-        total = np.empty(3 * N, np.float32)
-        for left in range(0, width, N):
-            part = slice(left, left + _M)
-            total[:] = 0
-            for c in range(channels):
-                columns[:] = 0
-                for row in range(max(0, y - radius), min(height, y + radius + 1)):
-                    weight = np.float32(radius + 1 - abs(row - y))
-                    _add_row(columns, weight, reference[c, row, part], warped[c, row, part], seen[row, part])
-                window[:] = 0
-                for dx in range(-radius, radius + 1):
-                    _add_columns(window, np.float32(radius + 1 - abs(dx)), columns[REACH + dx :])
-                _add_channel(total, window, np.float32(floor))
-            for x in range(min(N, width - left)):
-                power = np.sqrt(max(total[N + x] * total[2 * N + x], np.float32(1e-12)))
-                known = seen[y, left + x + REACH] > 0 and window[x] >= enough
-                cost[y, left + x] = np.float32(1) - total[x] / power if known else UNSEEN
-    return cost
-
-
-@njit(parallel=True, cache=True)
-def fuse(costs, ceiling):
-    """One cost from those of all other views, robust to views that do not see the point.
-
-    Each view that sees the pixel counts with at most ``ceiling``, so that a view in which the point is hidden
-    by something else says nothing for or against any hypothesis.
-
-    Parameters
-    ----------
-    costs : (V-1, h, w) float32 array
-        Costs of the single views.
-    ceiling : float
-        Where a view's cost is cut off.
-
-    Returns
-    -------
-    (h, w) uint8 array
-        0 (all alike) to 255 (nothing alike, or seen by no view).
-    """
-    views, height, width = costs.shape
-    fused = np.empty((height, width), np.uint8)
-    for y in prange(height):
-        for x in range(width):
-            total, count = np.float32(0), 0
-            for v in range(views):
-                if costs[v, y, x] < UNSEEN:
-                    total += min(costs[v, y, x], np.float32(ceiling))
-                    count += 1
-            mean = total / (count * np.float32(ceiling)) if count > 0 else np.float32(1)
-            fused[y, x] = np.uint8(np.float32(255) * max(mean, np.float32(0)) + np.float32(0.5))
-    return fused
-
-
-@njit(parallel=True, cache=True)
-def hypotheses_last(planes):
-    """Turn (D, h, w) into a contiguous (h, w, D): one pixel's costs side by side."""
-    depths, height, width = planes.shape
-    volume = np.empty((height, width, depths), planes.dtype)
-    for y in prange(height):
+    across = first.shape[1]
+    for tile in prange(first.size):
+        ty, tx = tile // across, tile % across
+        y0, x0 = top + ty * TILE, tx * TILE
+        rows, columns = min(TILE, size[1] - y0), min(TILE, size[0] - x0)
+        channels, depths = own.shape[0], count[ty, tx]
+        places = np.empty((len(lines), TILE + 2, lines.shape[2], _WIDE), np.float32)
+        r = np.empty((channels, (TILE + 2) * _WIDE), np.float32)
+        mean = np.empty((channels, TILE, TILE), np.float32)
+        power = np.empty((channels, TILE, TILE), np.float32)
+        room = (
+            np.empty((TILE, TILE), np.float32),
+            np.empty((TILE, TILE), np.float32),
+            np.empty((TILE + 2) * _WIDE, np.float32),
+            np.empty((2, _WIDE), np.float32),
+            np.empty(_WIDE, np.int32),
+            np.empty(3 * _WIDE, np.float32),
+            np.empty(3 * TILE, np.float32),
+        )
+        planes = np.empty((depths, TILE, TILE), np.uint8)
+        _prepared(own, lines, spacing, stride, y0, x0, rows, places, r, mean, power)
         for k in range(depths):
-            line = planes[k, y]
-            for x in range(width):
-                volume[y, x, k] = line[x]
-    return volume
+            s = np.float32(first[ty, tx] + k) / half - _ONE
+            _plane(s, others, frames, starts, values, places, rows, r, mean, power, room, planes[k])
+        store(planes[:, :rows, :columns], volume, start[ty, tx])
 
 
-def cost_volume(levels, warps, rows, tick):
-    """Cost of every hypothesis at every pixel of some rows of the reference box.
+@njit(parallel=True, cache=True, fastmath=FAST, error_model="numpy")
+def _visible(lines, spacing, stride, half, every, others, frames, starts, weights, mask):
+    """Leave those pixels of a mask (h, w) that some other view sees at one of every few hypotheses."""
+    height, width = mask.shape
+    channels = len(lines) // len(others)
+    for band in prange((height + 15) // 16):
+        place = np.empty((lines.shape[2], _WIDE), np.float32)
+        work, at, seen = np.empty((2, _WIDE), np.float32), np.empty(_WIDE, np.int32), np.empty(_WIDE, np.float32)
+        for y in range(band * 16, min(height, band * 16 + 16)):
+            for x0 in range(0, width, _WIDE):
+                count, found = min(_WIDE, width - x0), np.zeros(_WIDE, np.float32)
+                for v in range(len(others)):
+                    view = others[v]
+                    flat = weights[starts[view] : starts[view + 1]]
+                    left = x0 + MARGIN
+                    row_of_polynomials(lines[v * channels, :, :, left : left + _WIDE], spacing, y * stride, place)
+                    for k in range(every + 1):
+                        s = np.float32(2 * k) / np.float32(every) - _ONE
+                        _look(place, s, frames[view], flat, work, at, seen)
+                        for x in range(_WIDE):
+                            found[x] += seen[x]
+                for x in range(count):
+                    mask[y, x0 + x] = mask[y, x0 + x] and found[x] > 0
+
+
+def visible(layout, reference, stride):
+    """Pixels of the reference, ``stride`` apart, that some other view sees at some depth, (h, w) bool.
+
+    The layout is that of the pictures twice as fine.
+    """
+    mask = np.ascontiguousarray(layout.inner(layout.weights, reference.number)[::2, ::2] > 0)
+    every = max(4, reference.depths // stride // 4)
+    maps = reference.lines[stride], reference.spacing, stride, reference.half(stride), every, reference.others
+    _visible(*maps, layout.frames, layout.starts, layout.weights, mask)
+    return mask
+
+
+def filler(pictures, reference, level, bands):
+    """A function of rows that computes their costs at a level: see `aggregation.search`.
 
     Parameters
     ----------
-    levels : (H, W, C) float32 array
-        Photograph in grey levels.
-    warps : Warps
-        Maps into the other views.
-    rows : slice
-        Rows of the box.
-    tick : callable
-        Called after each hypothesis.
-
-    Returns
-    -------
-    (h, w, D) uint8 array
-        0 (all views alike) to 255.
+    pictures : sequence of Pictures
+        Of all views by level; every other pixel of the level before is the reference.
+    reference : Reference
+        Its maps into the other views.
+    level : int
+        1 for every other pixel of the photograph, 2 for every fourth.
+    bands : Bands
+        Hypotheses of each tile, 2^level of the reference's apart.
     """
-    (x0, y0), (width, _), views, channels = warps.origin, warps.size, len(warps.nodes), levels.shape[-1]
-    top, own = rows.start, np.ascontiguousarray(warps.reference_mask()[rows])
-    height, wide = len(own), -(-width // N) * N + 2 * REACH
-    reference, warped = np.zeros((2, channels, height, wide), np.float32)
-    box = levels[y0 + rows.start : y0 + rows.stop, x0 : x0 + width]
-    reference[..., REACH : REACH + width] = np.moveaxis(box, -1, 0)
-    seen = np.zeros((height, wide), np.float32)
-    costs = np.empty((views, height, width), np.float32)
-    planes = np.empty((len(warps.inverse_depths), height, width), np.uint8)
-    for k in range(len(planes)):
-        for v in range(views):
-            look(levels, warps.masks[v + 1], warps.nodes[v, k], warps.spacing, top, own, REACH, warped, seen)
-            costs[v] = dissimilarity(reference, warped, seen, _RADIUS, _NOISE, width)
-        planes[k] = fuse(costs, _CEILING)
-        tick()
-    return hypotheses_last(planes)
+    (width, height), finer, stride = bands.size, pictures[level - 1], 2**level
+    values = finer.own(reference.number)[:, ::2, ::2]
+    own = np.full((len(values), height + 2 + TILE, width + 2 + TILE), np.nan, np.float32)
+    own[:, 1 : height + 1, 1 : width + 1] = values
+    maps = reference.lines[stride], reference.spacing, stride, reference.half(stride), reference.others
+
+    def costs(rows):
+        tiles = bands.tiles(rows)
+        start = bands.start[tiles] - bands.start[tiles][0, 0]
+        volume = np.empty(bands.places(rows), np.uint8)
+        layout = bands.first[tiles], bands.count[tiles], start, (width, rows.stop), rows.start, volume
+        fill(own, *maps, *finer.arrays, *layout)
+        return volume
+
+    return costs

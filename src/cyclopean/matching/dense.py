@@ -1,22 +1,27 @@
-"""Dense matching of one reference view with all other views of the same photograph."""
+"""Dense matching: every view of a photograph is the reference once, all others vote."""
 
 import itertools
-import threading
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ImageError
-from ..geometry import Warps, white_level
-from .aggregation import aggregate, winner
-from .cost import cost_volume
-from .refinement import ITERATIONS, prepare, refine
+from .aggregation import search, strip_bytes
+from .agreement import agreement
+from .bands import Bands
+from .cost import TILE, filler
+from .jumps import placed
+from .pictures import prepare
+from .plans import ALONE, Plan
+from .refinement import refined
+from .surfaces import doubled, median, smooth
 
-_OVERLAP = 48  # rows beyond a strip on each side that are worked on too, so that no seam shows
-_LEAST_ROWS = 16  # of a strip without its overlaps
+_ABOUT = 3  # hypotheses tried on both sides of what the coarser level found
 _SMALL, _LARGE = 8, 120  # penalties for a change of depth between neighbours: by one step, by more
 _EDGE, _LEAST = 12, 30  # grey levels a px of change in the picture that halve _LARGE; its least
-_ALONE = threading.Lock()  # one of numba's threading layers aborts when two threads start kernels at once
+_ALIKE = 1.5  # variance of the depth, because smoothing makes the noise of neighbours alike
+_MAX_SIGMA = 0.6  # steps, 0.3 px: more is a window without texture
+_MIN_SCORE = 0.6  # less is something else
+_AGREE = 1.0  # steps between maps of two views that agree
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,96 +52,129 @@ class DepthMap:
         x, y = np.moveaxis(np.where(inside[..., None], places, 0).astype(int), -1, 0)
         return np.where(inside, self.inverse_depth[y, x], np.float32(np.nan))
 
+    def where(self, good):
+        """The same map without the pixels that are not good, (h, w) bool."""
+        nothing = np.float32(np.nan)
+        return DepthMap(
+            self.origin,
+            np.where(good, self.inverse_depth, nothing),
+            np.where(good, self.sigma, nothing),
+            np.where(good, self.score, np.float32(0)),
+        )
 
-def match(image, warps: Warps, *, memory_mib=1024, progress=None) -> DepthMap:
-    """Find the inverse depth of every pixel of a reference view.
 
-    The other views are brought into the reference view at every hypothesis and compared window by window
-    (ZNCC over all channels); the costs are aggregated semi-globally; the winner is refined by Gauss-Newton on
-    slanted windows of all views that see the point. What has no texture stays unknown: no depth is invented.
+def match(image, plan: Plan, *, memory_mib=1024.0, progress=None, keep=None) -> list[DepthMap]:
+    """Find the inverse depth of every pixel of every view.
+
+    At half the resolution the other views are brought into the reference at every hypothesis and compared (ZNCC), the
+    costs aggregated semi-globally; wide ranges are narrowed down at coarser resolutions first. Then all views that
+    see a point refine it by Lucas and Kanade's method, at half and at full resolution; pixels near a jump in depth
+    choose their side. Last, the maps of all views must agree. What has no texture stays unknown: no depth is invented.
 
     Parameters
     ----------
     image : (H, W) or (H, W, C) array
         Photograph, unsigned integers or real numbers, linear in light or not.
-    warps : Warps
-        Maps from the reference view into the others.
+    plan : Plan
+        What is known of the rig, from `plan`.
     memory_mib : float
-        Memory to use, MiB; large photographs are worked through in strips.
+        Memory for the search, MiB; the results do not depend on it.
     progress : callable, optional
         Called as ``progress(done, total)`` now and then.
+    keep : callable, optional
+        Called with the number of each view and its map, before the maps are compared.
 
     Returns
     -------
-    DepthMap
-        Of the reference view.
+    list of DepthMap
+        Of each view.
     """
-    levels = grey_levels(image)
-    if levels.shape[:2] != warps.masks.shape[1:]:
-        raise ImageError(
-            f"the maps want an image of {warps.masks.shape[1:]} rows and columns, got {levels.shape[:2]}; "
-            "make the maps for the camera that took it"
-        )
-    width, height = warps.size
-    result = np.full((3, height, width), np.nan, np.float32)
-    strips = _strips(warps, levels, memory_mib)
-    ticks, total = itertools.count(1), len(strips) * (len(warps.inverse_depths) + 1 + ITERATIONS)
+    prepared = prepare(image, plan)
+    stages = len(plan.references[0].lines) + 3
+    ticks, total = itertools.count(1), len(plan.references) * stages
 
     def tick():
         if progress is not None:
             progress(next(ticks), total)
 
-    smooth, spline = prepare(levels)
-    with _ALONE:
-        for keep, rows in strips:
-            inner = slice(keep.start - rows.start, keep.stop - rows.start)
-            guess = _search(levels, warps, rows, tick)
-            result[:, keep] = np.stack(refine(smooth, spline, warps, rows, guess, tick))[:, inner]
-    steps, sigma, score = result
-    unknown = np.isnan(steps)
-    inverse_depth = (warps.inverse_depths[0] + steps.astype(float) * warps.step).astype(np.float32)
-    sigma[unknown], score[unknown] = np.nan, 0
-    return DepthMap(warps.origin, inverse_depth, sigma * np.float32(warps.step), score)
+    maps = []
+    for reference in plan.references:
+        with ALONE:
+            coarse = _searched(prepared, plan, reference, memory_mib, tick)
+            maps.append(_sharpened(prepared, plan, reference, coarse, tick))
+        if keep is not None:
+            keep(reference.number, maps[-1])
+    return checked(plan, maps)
 
 
-def grey_levels(image):
-    """Scale a picture so that its white level is 255: (H, W, C) float32."""
-    image = np.asarray(image)
-    if image.ndim not in (2, 3) or image.size == 0:
-        raise ImageError(f"an image must have shape (H, W) or (H, W, C), got {image.shape}")
-    if image.dtype.kind not in "uf":
-        raise ImageError(f"an image must hold unsigned integers or real numbers, got {image.dtype}")
-    levels = np.nan_to_num(image.astype(np.float32) * np.float32(255 / white_level(image)), posinf=0, neginf=0)
-    return levels.reshape(*image.shape[:2], -1)
+def checked(plan: Plan, maps) -> list[DepthMap]:
+    """Depth maps of all views with only those pixels left that the other views' maps agree with.
+
+    Parameters
+    ----------
+    plan : Plan
+        Maps between the views.
+    maps : sequence of DepthMap
+        Of each view, its box that of the plan.
+    """
+    steps = [(one.inverse_depth - warps.inverse_depths[0]) / warps.step for one, warps in zip(maps, plan.warps)]
+    with ALONE:
+        agreed = agreement(plan, [one.astype(np.float32) for one in steps], _AGREE)
+    return [one.where(good) for one, good in zip(maps, agreed, strict=True)]
 
 
-def _strips(warps, levels, memory_mib):
-    """Strips of the box that fit into memory: (rows to keep, rows to work on)."""
-    (width, height), views, channels = warps.size, len(warps.masks), levels.shape[-1]
-    volume = 3 * len(warps.inverse_depths) + 4 * (views + 2 * channels)  # bytes a pixel, while aggregating
-    windows = 4 * (2 * views * (channels + 1) + channels + 12)  # and while refining
-    left = memory_mib * 2**20 - 3 * levels.nbytes
-    rows = int(left / (width * max(volume, windows))) - 2 * _OVERLAP
-    rows = height if rows + 2 * _OVERLAP >= height else max(rows, _LEAST_ROWS)
-    keep = [slice(top, min(top + rows, height)) for top in range(0, height, rows)]
-    return [(k, slice(max(k.start - _OVERLAP, 0), min(k.stop + _OVERLAP, height))) for k in keep]
+def _searched(prepared, plan, reference, memory_mib, tick):
+    """Inverse depth in steps of every other pixel, coarse to fine."""
+    steps = None
+    for level in range(len(reference.lines) - 1, 0, -1):
+        mask = reference.masks[2**level]
+        size, depths = mask.shape[::-1], -(-(reference.depths - 1) // 2**level) + 1
+        if steps is None:
+            bands = Bands.full(size, depths, TILE, mask)
+        else:
+            bands = Bands.around(2 * doubled(steps, size), mask, _ABOUT, depths, TILE).rounded()
+        grey = prepared.search[level - 1].own(reference.number)[:, ::2, ::2].mean(0)
+        fill = filler(prepared.search, reference, level, bands)
+        steps, _ = search(fill, bands, mask, _SMALL, _penalties(grey), rows_per_strip=_rows(bands, memory_mib))
+        tick()
+    return 2 * steps
 
 
-def _search(levels, warps, rows, tick):
-    """Inverse depth in steps of some rows of the box, good to a fraction of a step."""
-    (x0, y0), (width, _) = warps.origin, warps.size
-    mask = np.ascontiguousarray(warps.reference_mask()[rows])
-    volume = cost_volume(levels, warps, rows, tick)
-    grey = levels[y0 + rows.start : y0 + rows.stop, x0 : x0 + width].mean(axis=-1)
-    guess = winner(aggregate(volume, mask, _SMALL, _penalties(grey)), mask)
-    tick()
-    return guess
+def _rows(bands, memory_mib):
+    """Rows that the search may hold in memory at once."""
+    rows = bands.size[1]
+    while rows > bands.tile and strip_bytes(bands, rows) > memory_mib * 2**20:
+        rows = -(-(rows // 2) // bands.tile) * bands.tile
+    return rows
 
 
 def _penalties(grey):
     """Penalty for a jump in depth at each pixel, lower where the picture changes, (h, w) uint16."""
+    grey = np.nan_to_num(grey)
     change = np.zeros_like(grey)
     for axis in (0, 1):
         ahead = np.abs(np.diff(grey, axis=axis, append=np.take(grey, [-1], axis=axis)))
         change = np.maximum(change, np.maximum(ahead, np.roll(ahead, 1, axis=axis)))
     return np.maximum(_LARGE / (1 + change / _EDGE), _LEAST).astype(np.uint16)
+
+
+def _sharpened(prepared, plan, reference, steps, tick):
+    """Inverse depth of every pixel, its standard deviation and correlation, from that of every other pixel."""
+    smooths, splines = prepared.smooth, prepared.splines
+    steps = smooth(steps, 2, np.float32(2))
+    for prior in (1.0, 0.5):
+        steps, _, _ = refined(smooths[1], splines[1], reference, steps, passes=2, reach=2.0, prior=prior)
+        steps = smooth(steps, 2, np.float32(1.5))
+    tick()
+    size = plan.warps[reference.number].size
+    steps = median(placed(smooths[0], reference, doubled(steps, size)))
+    tick()
+    steps = smooth(steps, 2, np.float32(1))
+    steps, sigma, score = refined(smooths[0], splines[0], reference, steps, passes=3, reach=1.5, prior=0.2)
+    tick()
+    sigma *= np.float32(np.sqrt(_ALIKE))
+    warps = plan.warps[reference.number]
+    good = (sigma <= _MAX_SIGMA) & (score >= _MIN_SCORE) & warps.reference_mask()
+    good &= (steps >= 0) & (steps <= reference.depths - 1)
+    inverse = np.float32(warps.inverse_depths[0]) + steps * np.float32(warps.step)
+    return DepthMap(warps.origin, inverse, sigma * np.float32(warps.step), score).where(good)

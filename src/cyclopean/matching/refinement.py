@@ -1,321 +1,353 @@
-"""Sub-step inverse depth: Gauss-Newton on windows of all views at once.
+"""Sub-step inverse depth: Lucas and Kanade's method on the whole picture at once, all views together.
 
-Around each pixel the scene is taken to be a plane in inverse depth. Its height and two slopes, and for each
-view and channel a gain and an offset, are fitted so that the other views' windows look like the reference's.
-The other views are sampled once per pixel, at the pixel's own inverse depth, and are linear around it; so a
-window costs sums of products only. Neighbours of a clearly different depth do not take part.
+Each pixel of the reference is looked up in every other view at its own inverse depth, which may slope. What is
+left of the difference within a window, after a gain and an offset for each view, tells how far the inverse depth
+is off. Products of differences and slopes are summed down, then across, and serve all windows that hold them;
+only near a jump in depth has each pixel sums of its own, of neighbours of like depth.
 
 Lucas and Kanade, IJCAI 1981; Baker and Matthews, Lucas-Kanade 20 years on, IJCV 56(3), 2004.
 """
 
 import numpy as np
 from numba import njit, prange
-from scipy.ndimage import gaussian_filter, spline_filter
 
-from .views import FAST, UNKNOWN, sample
+from .places import BLOCK, FAST, MARGIN
+from .sampling import WIDE, look, workspace
+from .surfaces import extremes
 
-N = 128  # neighbouring pixels whose sums are built together
-_PAIRS = 10  # numbers kept per view: 6 of the 3x3 matrix, 3 of the right side, 1 energy
-
-_BLUR = 0.6  # px: without it, noise passes for texture and keeps the fit from moving
-_ALIKE = 1.5  # variance of the height, because the blur makes the noise of neighbours alike
-_RADIUS = 5  # half width of the window, px
-_WIDTH = 2.5  # standard deviation of the window's Gaussian weights, px
-_REACH = 1.0  # neighbours count up to this difference of inverse depth, in steps
-_GAIN_WEIGHT = 100.0  # grey levels squared: noise of 1 level, gains within 10 %
-_STIFFNESS = 100.0  # grey levels squared: noise of 1 level, slopes of about 0.1 steps per px
-_NOISE = 0.2  # least variance of a grey level: 2 / 12 of the rounding, and some
-_MARGIN = 0.15  # a view whose likeness is this far below the best view's does not see the point
-ITERATIONS = 3
-_MAX_CHANGE = 0.3  # steps in the last iteration: more has not converged
-_MAX_SIGMA = 0.5  # steps, a quarter of a pixel: more is a window without texture
-_MIN_SCORE = 0.6  # less is something else
+SUB = 16  # columns that have windows of their own if one of them is near a jump
+_TALL = 128  # rows worked on together
+_SUMS = 10  # w r rr e er ee g gr gg ge
+_FAR = 1e6  # stands for the inverse depth (in steps) of pixels that have none: no neighbour resembles it
+_GAIN = np.float32(100)  # grey levels squared: noise of 1 level, gains within 10 %
+_NOISE = np.float32(0.2)  # least variance of a grey level: 2 / 12 of the rounding, and some
+_DROP = np.float32(0.15)  # a view whose likeness is this far below the best view's does not see the point
+_ZERO, _ONE, _TWO, _FOUR, _SIX, _TINY = (np.float32(x) for x in (0, 1, 2, 4, 6, 1e-6))
 
 
-@njit(cache=True, fastmath=FAST)
-def _add(s, reference, values, slopes, seen, depth, middle, window, reach, di, dj):
-    """Add one neighbour of each of N pixels to the 21 sums of one view and channel.
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _products(own, look, scale, out):
+    """The ten products of one row, which lie one after the other: only so does the loop vectorise."""
+    for x in range(WIDE):
+        w, e, g, r = scale * look[x], scale * look[WIDE + x], scale * look[2 * WIDE + x], own[x]
+        out[x] = w
+        out[WIDE + x] = w * r
+        out[2 * WIDE + x] = w * r * r
+        out[3 * WIDE + x] = e
+        out[4 * WIDE + x] = e * r
+        out[5 * WIDE + x] = e * look[WIDE + x]
+        out[6 * WIDE + x] = g
+        out[7 * WIDE + x] = g * r
+        out[8 * WIDE + x] = g * look[2 * WIDE + x]
+        out[9 * WIDE + x] = g * look[WIDE + x]
 
-    The sums lie one after the other in one array with steps known to the compiler: only so does it vectorise.
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _down3(a, b, c, out):
+    """Weights 1 2 1 down three rows of sums."""
+    for x in range(_SUMS * WIDE):
+        out[x] = a[x] + _TWO * b[x] + c[x]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _down5(a, b, c, d, e, out):
+    """Weights 1 4 6 4 1 down five rows of sums."""
+    for x in range(_SUMS * WIDE):
+        out[x] = (a[x] + e[x]) + _FOUR * (b[x] + d[x]) + _SIX * c[x]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _across3(sums, apart, out):
+    """Weights 1 2 1 across three columns, ``apart`` from each other; runs over the ends of the ten sums."""
+    a, b, c, to = sums[: -2 * apart], sums[apart:], sums[2 * apart :], out[apart:]
+    for x in range(len(a)):
+        to[x] = a[x] + _TWO * b[x] + c[x]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _across5(sums, out):
+    """Weights 1 4 6 4 1 across every other of nine columns."""
+    to = out[4:]
+    for x in range(_SUMS * WIDE - 8):
+        to[x] = (sums[x] + sums[x + 8]) + _FOUR * (sums[x + 2] + sums[x + 6]) + _SIX * sums[x + 4]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _gather(sums, out):
+    for m in range(_SUMS):
+        for x in range(BLOCK):
+            out[m * BLOCK + x] = sums[m * WIDE + MARGIN + x]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _add_near(own, look, depth, middle, weight, reach, sums):
+    """Add seven neighbours in a row of each of SUB pixels to their sums, those of like depth."""
+    for x in range(SUB):
+        s0, s1, s2, s3, s4 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
+        s5, s6, s7, s8, s9 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
+        for i in range(7):
+            away = (depth[x + i] - middle[x]) * reach
+            near = max(_ONE - away * away, _ZERO)
+            near = near * near * weight * np.float32((4 - abs(i - 3)) / 4)
+            e, g, r = look[WIDE + x + i], look[2 * WIDE + x + i], own[x + i]
+            w, we, wg = near * look[x + i], near * e, near * g
+            s0, s1, s2 = s0 + w, s1 + w * r, s2 + w * r * r
+            s3, s4, s5 = s3 + we, s4 + we * r, s5 + we * e
+            s6, s7, s8, s9 = s6 + wg, s7 + wg * r, s8 + wg * g, s9 + wg * e
+        sums[x] += s0
+        sums[BLOCK + x] += s1
+        sums[2 * BLOCK + x] += s2
+        sums[3 * BLOCK + x] += s3
+        sums[4 * BLOCK + x] += s4
+        sums[5 * BLOCK + x] += s5
+        sums[6 * BLOCK + x] += s6
+        sums[7 * BLOCK + x] += s7
+        sums[8 * BLOCK + x] += s8
+        sums[9 * BLOCK + x] += s9
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _near(own, looks, depth, reach, y, row, left, sums):
+    """Sums of SUB pixels near a jump, of 7 x 7 neighbours by themselves."""
+    for m in range(_SUMS):
+        sums[m * BLOCK : m * BLOCK + SUB] = 0
+    middle = depth[y, left : left + SUB]
+    for j in range(-3, 4):
+        weight = np.float32((4 - abs(j)) / 4)
+        at = left - 3
+        _add_near(own[y + j, at:], looks[row + j, at:], depth[y + j, at:], middle, weight, reach, sums)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _without_gain(s, pair):
+    """Take gain and offset out of a view's sums: matrix, right side, energy, power and weight of each window."""
+    for x in range(BLOCK):
+        w = s[x]
+        share = _ONE / max(w, _TINY)
+        r, e, g = s[BLOCK + x] * share, s[3 * BLOCK + x] * share, s[6 * BLOCK + x] * share
+        rr = max(s[2 * BLOCK + x] - r * s[BLOCK + x], _ZERO)
+        er, ee = s[4 * BLOCK + x] - e * s[BLOCK + x], s[5 * BLOCK + x] - e * s[3 * BLOCK + x]
+        gr, gg = s[7 * BLOCK + x] - g * s[BLOCK + x], s[8 * BLOCK + x] - g * s[6 * BLOCK + x]
+        ge = s[9 * BLOCK + x] - g * s[3 * BLOCK + x]
+        per = _ONE / (rr + _GAIN)
+        pair[x] = gg - gr * gr * per
+        pair[BLOCK + x] = gr * er * per - ge
+        pair[2 * BLOCK + x] = max(ee - er * er * per, _ZERO)
+        pair[3 * BLOCK + x] = max(rr + _TWO * er + ee, np.float32(1e-3))
+        pair[4 * BLOCK + x] = w
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _together(pairs, usable, prior, total, change):
+    """Add the usable views up, and solve for the change of inverse depth."""
+    total[:] = 0
+    for k in range(len(pairs)):
+        for m in range(5):
+            for x in range(BLOCK):
+                total[m * BLOCK + x] += usable[k, x] * pairs[k, m * BLOCK + x]
+    for x in range(BLOCK):
+        spread = max(total[2 * BLOCK + x] / max(total[4 * BLOCK + x], _ONE), _NOISE)
+        change[x] = total[BLOCK + x] / (total[x] + spread * prior)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _likeness(pair, change, like):
+    """Correlation coefficient of one view after the change."""
+    for x in range(BLOCK):
+        d = change[x]
+        left = pair[2 * BLOCK + x] + d * (d * pair[x] - _TWO * pair[BLOCK + x])
+        like[x] = np.sqrt(max(_ONE - max(left, _ZERO) / pair[3 * BLOCK + x], _ZERO))
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _keep_alike(pairs, change, usable, like, best):
+    """Drop the views that are much less like the reference than the best one."""
+    best[:] = 0
+    for k in range(len(pairs)):
+        _likeness(pairs[k], change, like[k])
+        for x in range(BLOCK):
+            best[x] = max(best[x], like[k, x] * usable[k, x])
+    for k in range(len(pairs)):
+        for x in range(BLOCK):
+            usable[k, x] = usable[k, x] if like[k, x] >= best[x] - _DROP else _ZERO
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _result(total, change, middle, count, depth, sigma, score):
+    """Inverse depth, its standard deviation by the pictures alone, and the correlation coefficient."""
+    for x in range(count):
+        a, b, d = total[x], total[BLOCK + x], change[x]
+        left = max(total[2 * BLOCK + x] + d * (d * a - _TWO * b), _ZERO)
+        spread = max(left / max(total[4 * BLOCK + x] - np.float32(3), _ONE), _NOISE)
+        known = a > 0 and middle[x] < np.float32(_FAR)
+        depth[x] = middle[x] + min(max(d, -_ONE), _ONE) if known else np.float32(np.nan)
+        sigma[x] = np.sqrt(spread / max(a, _TINY))
+        score[x] = np.sqrt(max(_ONE - left / max(total[3 * BLOCK + x], np.float32(1e-3)), _ZERO))
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _scaled(depth, half, s, known):
+    for x in range(WIDE):
+        there = depth[x] < np.float32(_FAR)
+        known[x] = _ONE if there else _ZERO
+        s[x] = (depth[x] if there else _ZERO) / half - _ONE
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _looks(own, depth, lines, spacing, stride, half, others, frames, starts, splines, weights, y0, x0, rows, looks):
+    """Compare all rows of a tile and its margin with every other view."""
+    room, s, known = workspace(lines.shape[2]), np.empty(WIDE, np.float32), np.empty(WIDE, np.float32)
+    channels = len(splines)
+    for row in range(rows):
+        y = y0 + row
+        _scaled(depth[y, x0 : x0 + WIDE], half, s, known)
+        line = max((y - MARGIN) * stride, 0)
+        for k in range(len(lines)):
+            view, c = others[k // channels], k % channels
+            part = slice(starts[view], starts[view + 1])
+            mine, out = own[c, y, x0 : x0 + WIDE], looks[k, row]
+            slab, spline = lines[k, :, :, x0 : x0 + WIDE], splines[c, part]
+            look(slab, spacing, line, s, known, half, frames[view], spline, weights[part], mine, room, out)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _advance(own, look, scale, passes, n, rows, line, spare):
+    """Take row n of a tile into the running windows of one view: ``line`` holds them from row 4 passes - 2 on.
+
+    ``rows`` (12, 10 WIDE) holds the last three rows of products, and nine of the sums down three rows.
     """
-    for x in range(N):
-        away = depth[x] - middle[x]
-        near = max(np.float32(0), np.float32(1) - away * away * reach)
-        w = window * near * near * seen[x]
-        r, g = reference[x], slopes[x]
-        e = values[x] - r - g * away
-        wr, wg, we = w * r, w * g, w * e
-        gr, gg, ge = wg * r, wg * g, wg * e
-        s[x] += w
-        s[N + x] += wr
-        s[2 * N + x] += wr * r
-        s[3 * N + x] += we
-        s[4 * N + x] += we * r
-        s[5 * N + x] += we * e
-        s[6 * N + x] += wg
-        s[7 * N + x] += wg * di
-        s[8 * N + x] += wg * dj
-        s[9 * N + x] += gr
-        s[10 * N + x] += gr * di
-        s[11 * N + x] += gr * dj
-        s[12 * N + x] += gg
-        s[13 * N + x] += gg * di
-        s[14 * N + x] += gg * dj
-        s[15 * N + x] += gg * di * di
-        s[16 * N + x] += gg * di * dj
-        s[17 * N + x] += gg * dj * dj
-        s[18 * N + x] += ge
-        s[19 * N + x] += ge * di
-        s[20 * N + x] += ge * dj
-
-
-@njit(cache=True, fastmath=FAST)
-def _without_gain(sums, gain_weight, pairs):
-    """Take offset and gain out of the sums of one view and channel, and add the rest to the view's pairs.
-
-    ``pairs`` holds the matrix (00 01 02 11 12 22), the right side (0 1 2) and the energy before the fit; then
-    come the variance of the other view and the sum of the weights.
-    """
-    sums = sums.reshape(21, N)
-    for x in range(N):
-        w = sums[0, x]
-        share = np.float32(1) / max(w, np.float32(1e-6))
-        r, e = sums[1, x] * share, sums[3, x] * share
-        rr, er, ee = sums[2, x] - r * sums[1, x], sums[4, x] - e * sums[1, x], sums[5, x] - e * sums[3, x]
-        per = np.float32(1) / (max(rr, np.float32(0)) + np.float32(gain_weight))
-        g0, g1, g2 = sums[6, x], sums[7, x], sums[8, x]
-        r0, r1, r2 = sums[9, x] - g0 * r, sums[10, x] - g1 * r, sums[11, x] - g2 * r
-        pairs[0, x] += sums[12, x] - g0 * g0 * share - r0 * r0 * per
-        pairs[1, x] += sums[13, x] - g0 * g1 * share - r0 * r1 * per
-        pairs[2, x] += sums[14, x] - g0 * g2 * share - r0 * r2 * per
-        pairs[3, x] += sums[15, x] - g1 * g1 * share - r1 * r1 * per
-        pairs[4, x] += sums[16, x] - g1 * g2 * share - r1 * r2 * per
-        pairs[5, x] += sums[17, x] - g2 * g2 * share - r2 * r2 * per
-        pairs[6, x] -= sums[18, x] - g0 * e - r0 * er * per
-        pairs[7, x] -= sums[19, x] - g1 * e - r1 * er * per
-        pairs[8, x] -= sums[20, x] - g2 * e - r2 * er * per
-        pairs[9, x] += max(ee - er * er * per, np.float32(0))
-        pairs[10, x] += max(rr, np.float32(0)) + np.float32(2) * er + ee
-        pairs[11, x] += w
-
-
-@njit(cache=True, fastmath=FAST)
-def _solve(pairs, stiffness, x, fit):
-    """Find height and slopes of the plane at pixel x, and the variance factor of the height; NaN if none."""
-    a, b, c = pairs[0, x], pairs[1, x], pairs[2, x]
-    d, e, f = pairs[3, x] + stiffness, pairs[4, x], pairs[5, x] + stiffness
-    m0, m1, m2 = d * f - e * e, c * e - b * f, b * e - c * d
-    det = a * m0 + b * m1 + c * m2
-    if not det > np.float32(1e-6) * m0:
-        fit[:] = np.nan
+    _products(own, look, scale, rows[n % 3])
+    if n >= 2:
+        _down3(rows[(n - 2) % 3], rows[(n - 1) % 3], rows[n % 3], rows[3 + n % 9])
+    if n < 4 * passes - 2:
         return
-    p, q, r = pairs[6, x], pairs[7, x], pairs[8, x]
-    fit[0] = (m0 * p + m1 * q + m2 * r) / det
-    fit[1] = (m1 * p + (a * f - c * c) * q + (b * c - a * e) * r) / det
-    fit[2] = (m2 * p + (b * c - a * e) * q + (a * d - b * b) * r) / det
-    fit[3] = m0 / det
+    a, b, c = rows[3 + (n - 4) % 9], rows[3 + (n - 2) % 9], rows[3 + n % 9]
+    if passes == 2:
+        _down3(a, b, c, spare)
+        _across3(spare, 1, rows[(n + 1) % 3])
+        _across3(rows[(n + 1) % 3], 2, line)
+    else:
+        _down5(rows[3 + (n - 8) % 9], rows[3 + (n - 6) % 9], a, b, c, spare)
+        _across3(spare, 1, rows[(n + 1) % 3])
+        _across5(rows[(n + 1) % 3], line)
 
 
-@njit(cache=True, fastmath=FAST)
-def _energy(pairs, x, fit):
-    """What is left of the energy with the plane in place."""
-    u, v, w = fit[0], fit[1], fit[2]
-    square = pairs[0, x] * u * u + pairs[3, x] * v * v + pairs[5, x] * w * w
-    cross = pairs[1, x] * u * v + pairs[2, x] * u * w + pairs[4, x] * v * w
-    gain = pairs[6, x] * u + pairs[7, x] * v + pairs[8, x] * w
-    return max(pairs[9, x] + square + np.float32(2) * (cross - gain), np.float32(0))
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _solved(pairs, usable, prior, middle, count, like, rest, result):
+    """Inverse depth, its standard deviation and correlation of one row of a tile, from all views' windows."""
+    change, best, total = rest[:BLOCK], rest[BLOCK : 2 * BLOCK], rest[2 * BLOCK :]
+    _together(pairs, usable, prior, total, change)
+    if len(pairs) > 1:
+        _keep_alike(pairs, change, usable, like, best)
+        _together(pairs, usable, prior, total, change)
+    _result(total, change, middle, count, result[0], result[1], result[2])
 
 
-@njit(cache=True, fastmath=FAST)
-def _view_sums(reference, looks, depth, window, reach, gain_weight, y, left, sums, pairs):
-    """Sums of one view around N pixels of row y: ``pairs`` (12, N), the last two its power and weight."""
-    values, slopes, seen = looks
-    radius = window.shape[0] // 2
-    middle = depth[y + radius, left + radius : left + radius + N]
-    pairs[:] = 0
-    for c in range(reference.shape[0]):
-        sums[:] = 0
-        for j in range(2 * radius + 1):
-            for i in range(2 * radius + 1):
-                if window[j, i] > 0:
-                    at, to = y + j, slice(left + i, left + i + N)
-                    r, v, g = reference[c, at, to], values[c, at, to], slopes[c, at, to]
-                    di, dj = np.float32(i - radius), np.float32(j - radius)
-                    _add(sums, r, v, g, seen[at, to], depth[at, to], middle, window[j, i], reach, di, dj)
-        _without_gain(sums, gain_weight, pairs)
-
-
-@njit(cache=True, fastmath=FAST)
-def _judge(pairs, usable, x, stiffness, noise, fit, out, likeness):
-    """Fit the plane at pixel x to the usable views, and say how well: change, sigma, score; likeness."""
-    views = pairs.shape[0]
-    total = np.zeros((_PAIRS, 1), np.float32)
-    weight, power, used = np.float32(0), np.float32(0), 0
-    for v in range(views):
-        if usable[v]:
-            total[:, 0] += pairs[v, :_PAIRS, x]
-            power += pairs[v, _PAIRS, x]
-            weight += pairs[v, _PAIRS + 1, x]
-            used += 1
-    out[:] = np.nan
-    if used == 0:
-        return
-    _solve(total, stiffness, 0, fit)
-    if not fit[3] > 0:
-        return
-    left = _energy(total, 0, fit)
-    spread = max(left / max(weight - np.float32(3 + 2 * used), np.float32(1)), np.float32(noise))
-    out[0], out[1] = fit[0], np.sqrt(spread * fit[3])
-    out[2] = np.sqrt(max(np.float32(1) - left / max(power, np.float32(1e-6)), np.float32(0)))
-    for v in range(views):
-        share = _energy(pairs[v], x, fit) / max(pairs[v, _PAIRS, x], np.float32(1e-6))
-        likeness[v] = np.sqrt(max(np.float32(1) - share, np.float32(0)))
-
-
-@njit(parallel=True, cache=True, fastmath=FAST)
-def improve(reference, values, slopes, seen, depth, window, reach, gain_weight, stiffness, noise, margin):
-    """One Gauss-Newton step at every pixel.
-
-    Every array but the window has a margin of the window's radius around the h x w pixels.
+@njit(parallel=True, cache=True, fastmath=FAST, error_model="numpy")
+def improve(
+    own, depth, lines, spacing, stride, half, others, frames, starts, splines, weights, passes, scale, near, result
+):
+    """One step at every pixel.
 
     Parameters
     ----------
-    reference : (C, h, w) float32 array
-        Picture in grey levels.
-    values, slopes : (V-1, C, h, w) float32 arrays
-        The other views and their change per step of inverse depth, at ``depth``.
-    seen : (V-1, h, w) float32 array
-        Which pixels count in each view: 0 to 1.
-    depth : (h, w) float32 array
-        Inverse depth in steps; a large number where unknown.
-    window : (2 r + 1, 2 r + 1) float32 array
-        Weights of the neighbours.
-    reach : float
-        1 / (difference of inverse depth, in steps, at which a neighbour stops to count) squared.
-    gain_weight, stiffness : float
-        How firmly gains are held at 1 and slopes at 0: noise variance over the variance expected of them.
-    noise : float
-        Least variance of a grey level.
-    margin : float
-        Views whose likeness falls this far below the best view's do not take part.
-
-    Returns
-    -------
-    change, sigma, score : (h, w) float32 arrays
-        Change of inverse depth and its standard deviation in steps, correlation coefficient; NaN where the
-        window does not determine them.
-    likeness : (V-1, h, w) float32 array
-        Correlation coefficient with each view.
+    own : (C, h', w') float32 array
+        The reference with MARGIN on all sides and room for whole tiles.
+    depth : (h', w') float32 array
+        Inverse depth in hypotheses; _FAR where unknown.
+    lines : ((V-1) C, Ny, 2 K, w') float32 array
+        Polynomials of the places, from `lines_of`.
+    spacing, stride : int
+        Rows between lines; pixels of the photograph between those of the reference.
+    half : float
+        Half of the last hypothesis number.
+    others : (V-1,) int array
+        The other views.
+    frames, starts, splines, weights : arrays
+        `Pictures` of the B-spline coefficients of all views, at the scale of the reference.
+    passes : int
+        2 or 3: windows 7 or 11 px wide, standard deviation 1.58 or 2.12 px.
+    scale : float
+        What makes the weight in the middle of a window 1.
+    near : (jumps, reach, prior)
+        Whether one of SUB pixels is near a jump, (h, w / SUB) bool; 1 / the difference at which a neighbour stops
+        to count; 1 / the variance that changes are expected to have.
+    result : (3, h, w) float32 array, written
+        Inverse depth, its standard deviation, correlation coefficient.
     """
-    radius = window.shape[0] // 2
-    views, height, width = seen.shape[0], depth.shape[0] - 2 * radius, depth.shape[1] - 2 * radius
-    result = np.full((3, height, width), np.nan, np.float32)
-    likeness = np.zeros((views, height, width), np.float32)
-    for y in prange(height):
-        sums, pairs = np.empty(21 * N, np.float32), np.empty((views, _PAIRS + 2, N), np.float32)
-        fit, out, like = np.empty(4, np.float32), np.empty(3, np.float32), np.empty(views, np.float32)
-        usable = np.empty(views, np.bool_)
-        for left in range(0, width, N):
-            if not np.any(depth[y + radius, left + radius : left + radius + N] < UNKNOWN):
-                continue
-            for v in range(views):
-                looks = values[v], slopes[v], seen[v]
-                _view_sums(reference, looks, depth, window, reach, gain_weight, y, left, sums, pairs[v])
-            for x in range(N):
-                if not depth[y + radius, left + radius + x] < UNKNOWN:
+    height, width = result.shape[1:]
+    jumps, reach, prior = near
+    many, radius, channels = len(lines), 2 * passes - 1, len(splines)
+    across = (width + BLOCK - 1) // BLOCK
+    for tile in prange(across * ((height + _TALL - 1) // _TALL)):
+        y0, x0 = (tile // across) * _TALL, (tile % across) * BLOCK
+        tall, top, wide = min(_TALL, height - y0) + 2 * radius, y0 + MARGIN - radius, slice(x0, x0 + WIDE)
+        if not np.any(depth[y0 + MARGIN : y0 + tall - 2 * radius + MARGIN, x0 + MARGIN : x0 + MARGIN + BLOCK] < _FAR):
+            result[:, y0 : y0 + tall - 2 * radius, x0 : x0 + BLOCK] = np.nan
+            continue
+        looks = np.empty((many, tall, 3 * WIDE), np.float32)
+        _looks(own, depth, lines, spacing, stride, half, others, frames, starts, splines, weights, top, x0, tall, looks)
+        rows, lined = np.zeros((many, 12, _SUMS * WIDE), np.float32), np.zeros((2, _SUMS * WIDE), np.float32)
+        sums, pairs = np.empty(_SUMS * BLOCK, np.float32), np.empty((many, 5 * BLOCK), np.float32)
+        usable, like = np.empty((2, many, BLOCK), np.float32)
+        rest, count = np.empty(7 * BLOCK, np.float32), min(BLOCK, width - x0)
+        for n in range(tall):
+            row = n - 2 * radius  # of the result that the windows are complete for
+            y = y0 + row + MARGIN
+            for k in range(many):
+                mine = own[k % channels, :, wide]
+                _advance(mine[top + n], looks[k, n], scale, passes, n, rows[k], lined[0], lined[1])
+                if row < 0:
                     continue
-                for v in range(views):
-                    usable[v] = seen[v, y + radius, left + radius + x] > 0 and pairs[v, _PAIRS + 1, x] > 0
-                like[:] = 0
-                _judge(pairs, usable, x, stiffness, noise, fit, out, like)
-                best = np.max(like)
-                dropped = False
-                for v in range(views):
-                    if usable[v] and like[v] < best - margin:
-                        usable[v], dropped = False, True
-                if dropped:
-                    _judge(pairs, usable, x, stiffness, noise, fit, out, like)
-                result[:, y, left + x] = out
-                likeness[:, y, left + x] = like
-    return result[0], result[1], result[2], likeness
+                _gather(lined[0], sums)
+                for sub in range(BLOCK // SUB):
+                    if jumps[y0 + row, x0 // SUB + sub]:
+                        left = MARGIN + sub * SUB
+                        _near(mine, looks[k], depth[:, wide], reach, y, row + radius, left, sums[sub * SUB :])
+                _without_gain(sums, pairs[k])
+                for x in range(BLOCK):
+                    usable[k, x] = _ONE if looks[k, row + radius, MARGIN + x] > 0 else _ZERO
+            if row >= 0:
+                middle, to = depth[y, x0 + MARGIN : x0 + MARGIN + BLOCK], slice(x0, x0 + count)
+                _solved(pairs, usable, prior, middle, count, like, rest, result[:, y0 + row, to])
 
 
-def refine(smooth, spline, warps, rows, guess, tick):
-    """Sharpen the inverse depths of some rows of the reference box.
+def refined(pictures, splines, reference, depth, *, passes, reach, prior):
+    """Improve a depth map by one step.
 
     Parameters
     ----------
-    smooth, spline : (H, W, C) float32 arrays
-        Photograph in grey levels and its spline, from `prepare`.
-    warps : Warps
-        Maps into the other views.
-    rows : slice
-        Rows of the box.
-    guess : (h, w) float32 array
-        Inverse depth in steps, good to about a step; NaN unknown.
-    tick : callable
-        Called after each iteration.
+    pictures, splines : Pictures
+        Of all views at the scale of the map, and their B-spline coefficients.
+    reference : Reference
+        Its maps into the other views.
+    depth : (h, w) float32 array
+        Inverse depth in hypotheses, good to about one; NaN unknown.
+    passes : int
+        2 or 3: windows 7 or 11 px wide, standard deviation 1.58 or 2.12 px.
+    reach : float
+        Difference of inverse depth, in hypotheses, at which a neighbour stops to count.
+    prior : float
+        Standard deviation that changes are expected to have, hypotheses.
 
     Returns
     -------
     depth, sigma, score : (h, w) float32 arrays
-        Inverse depth and its standard deviation in steps, correlation coefficient of all views; depth is NaN
-        where there is too little texture, too little likeness or no convergence.
+        Inverse depth and its standard deviation in hypotheses, by the pictures alone; correlation coefficient of
+        all views. NaN where no other view sees the pixel.
     """
-    (x0, y0), (width, _), views = warps.origin, warps.size, len(warps.nodes)
-    edges = (_RADIUS, _RADIUS), (_RADIUS, _RADIUS + -width % N)
-    box = smooth[y0 + rows.start : y0 + rows.stop, x0 : x0 + width]
-    reference = np.pad(np.moveaxis(box, -1, 0), ((0, 0), *edges))
-    values, slopes = np.zeros((2, views, *reference.shape), np.float32)
-    seen = np.zeros((views, *reference.shape[1:]), np.float32)
-    likeness = np.ones((views, *guess.shape), np.float32)
-    window, inner = _window(), (slice(None), slice(_RADIUS, -_RADIUS), slice(_RADIUS, _RADIUS + width))
-    for _ in range(ITERATIONS):
-        for v in range(views):
-            sample(
-                spline,
-                warps.masks[v + 1],
-                warps.nodes[v],
-                warps.spacing,
-                rows.start,
-                guess,
-                _RADIUS,
-                values[v],
-                slopes[v],
-                seen[v],
-            )
-        seen[inner] *= likeness >= likeness.max(axis=0) - _MARGIN
-        depth = np.pad(np.nan_to_num(guess, nan=UNKNOWN), edges, constant_values=UNKNOWN)
-        found = improve(
-            reference,
-            values,
-            slopes,
-            seen,
-            depth,
-            window,
-            np.float32(1 / _REACH**2),
-            _GAIN_WEIGHT,
-            _STIFFNESS,
-            _NOISE,
-            _MARGIN,
-        )
-        change, sigma, score, likeness = (a[..., :width] for a in found)
-        sigma = np.sqrt(np.float32(_ALIKE)) * sigma
-        guess = guess + np.clip(np.nan_to_num(change), -1, 1)
-        tick()
-    good = (np.abs(change) <= _MAX_CHANGE) & (sigma <= _MAX_SIGMA) & (score >= _MIN_SCORE)
-    good &= (guess >= 0) & (guess <= len(warps.inverse_depths) - 1)
-    return np.where(good, guess, np.float32(np.nan)), sigma, score
-
-
-def prepare(levels):
-    """Smooth a photograph (H, W, C) a little; also its cubic B-spline coefficients, both float32."""
-    smooth = gaussian_filter(levels, (_BLUR, _BLUR, 0))
-    planes = [spline_filter(smooth[..., c], order=3, output=np.float32) for c in range(levels.shape[-1])]
-    return smooth, np.stack(planes, axis=-1)
-
-
-def _window():
-    """Weights of the neighbours, (2 r + 1, 2 r + 1) float32, 1 in the middle."""
-    line = np.exp(-0.5 * (np.arange(-_RADIUS, _RADIUS + 1) / _WIDTH) ** 2)
-    return np.outer(line, line).astype(np.float32)
+    (height, width), values = depth.shape, pictures.own(reference.number)
+    room = (height + 2 * MARGIN, -(-width // BLOCK) * BLOCK + 2 * MARGIN)
+    inner = (slice(MARGIN, MARGIN + height), slice(MARGIN, MARGIN + width))
+    own, padded = np.zeros((len(values), *room), np.float32), np.full(room, 2 * _FAR, np.float32)
+    own[:, *inner], padded[inner] = values, np.where(np.isnan(depth), np.float32(2 * _FAR), depth)
+    low, high = extremes(depth, 2 * passes - 1)
+    jump = np.zeros((height, room[1] - 2 * MARGIN), bool)
+    jump[:, :width] = high - low > reach
+    near = jump.reshape(height, -1, SUB).any(-1), np.float32(1 / reach), np.float32(1 / prior**2)
+    stride = round(1 / pictures.layout.scale)
+    maps = reference.lines[stride], reference.spacing, stride, reference.half(1), reference.others
+    scale = np.float32(1 / 16 if passes == 2 else 1 / 144)
+    result = np.empty((3, height, width), np.float32)
+    improve(own, padded, *maps, *splines.arrays, splines.layout.weights, passes, scale, near, result)
+    return tuple(result)

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..errors import ImageError, OpticError, SetupError
-from ..matching import DepthMap, agreement, match
-from ..rectification import inverse_depths, sweep
+from ..matching import DepthMap, Plan, match, plan
+from ..rectification import check_channels, inverse_depths, sweep
 from ..rigs import Rig
 from .reconstruction import Reconstruction, assemble
 
-MAPS_MIB = 1536  # of a sweep: with 1 GiB for matching, a 12-megapixel photograph fits into 4 GiB
-SPACING = 8  # px between the points of a sweep that are projected exactly
-
 Progress = Callable[[str, int, int], None]  # what is being done, steps done, steps in all
+
+_PLANS: WeakKeyDictionary[Rig, dict[tuple, Plan]] = WeakKeyDictionary()  # the last one of each rig
 
 
 def reconstruct(
@@ -23,6 +23,7 @@ def reconstruct(
     rig: Rig,
     depths: tuple[float, float] | None = None,
     *,
+    channels: Sequence[Rig] | None = None,
     step: float = 0.5,
     memory_mib: float = 1024,
     progress: Progress | None = None,
@@ -38,10 +39,13 @@ def reconstruct(
         The views that the setup gives.
     depths : (2,) mm, optional
         Nearest and farthest depth to search; the rig's working depths where not given.
+    channels : sequence of three Rigs, optional
+        The rigs of red, green and blue (`rectification.channel_rigs`) that the photograph is `compensated` for at
+        the middle of the depths; each colour is matched along its own rays. `rig` is that of green then.
     step : float
         Movement between two depth hypotheses in the most sensitive view, px.
     memory_mib : float
-        Memory for matching, MiB.
+        Memory for the search, MiB. Results do not depend on it.
     progress : callable, optional
         Told (what, done, total) as the work goes on.
     keep : callable, optional
@@ -49,21 +53,50 @@ def reconstruct(
         loses nothing.
     """
     photograph = as_photograph(photograph, rig)
-    if len(rig) < 2:
-        raise OpticError(f"depth needs at least two views, but this setup gives {len(rig)}")
     if not 64 <= memory_mib < float("inf"):
         raise SetupError(f"matching needs at least 64 MiB of memory, got {memory_mib}; 1024 is usual")
-    depths = depths or rig.working_depths
-    hypotheses = inverse_depths(rig, depths, step)
-    check_memory(rig, len(hypotheses))
-    maps = []
-    for k, view in enumerate(rig):
-        warps = sweep(rig, k, hypotheses, SPACING)
-        maps.append(match(photograph, warps, memory_mib=memory_mib, progress=_named(progress, view.name)))
-        if keep is not None:
-            keep(k, maps[-1])
-    checked = cross_check(rig, maps, tolerance=hypotheses[1] - hypotheses[0])
-    return assemble(photograph, rig, depths, checked)
+    depths = rig.check_depths(depths or rig.working_depths)
+    ready = plan_of(rig, depths, step=step, channels=channels, progress=_named(progress, "maps between the views"))
+    maps = match(photograph, ready, memory_mib=memory_mib, progress=_named(progress, "matching"), keep=keep)
+    return assemble(photograph, rig, depths, maps)
+
+
+def plan_of(
+    rig: Rig,
+    depths: tuple[float, float],
+    *,
+    step: float = 0.5,
+    channels: Sequence[Rig] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Plan:
+    """What matching needs to know of a rig; that of the last depth range is kept for the next photograph.
+
+    Parameters
+    ----------
+    rig : Rig
+        Two views or more.
+    depths : (2,) mm
+        Nearest and farthest depth to search.
+    step, channels
+        As for `reconstruct`.
+    progress : callable, optional
+        Called as ``progress(done, total)``.
+    """
+    if len(rig) < 2:
+        raise OpticError(f"depth needs at least two views, but this setup gives {len(rig)}")
+    rigs = check_channels(channels or rig)
+    key = (*map(float, depths), float(step), *map(id, rigs))
+    kept = _PLANS.get(rig, {})
+    if key not in kept:
+        hypotheses = inverse_depths(rig, depths, step)
+        warps = []
+        for k in range(len(rig)):
+            warps.append(sweep(rigs, k, hypotheses))
+            if progress is not None:
+                progress(k + 1, len(rig))
+        kept = {key: plan(warps)}
+        _PLANS[rig] = kept
+    return kept[key]
 
 
 def as_photograph(photograph: np.ndarray, rig: Rig) -> np.ndarray:
@@ -76,47 +109,6 @@ def as_photograph(photograph: np.ndarray, rig: Rig) -> np.ndarray:
             f"wanted ({height}, {width}) or ({height}, {width}, 3)"
         )
     return photograph
-
-
-def check_memory(rig: Rig, hypotheses: int) -> None:
-    """Raise SetupError when the maps of one sweep would take more than MAPS_MIB: the depth range is too wide."""
-    _, _, width, height = max((view.region.box for view in rig), key=lambda box: box[2] * box[3])
-    nodes = (width / SPACING + 2) * (height / SPACING + 2) * hypotheses * (len(rig) - 1)
-    needed = nodes * 8 / 2**20  # two float32 a node
-    if needed > MAPS_MIB:
-        raise SetupError(
-            f"{hypotheses} depth hypotheses for {len(rig)} views would take {needed:.0f} MiB of maps, more than "
-            f"{MAPS_MIB}; state a narrower depth range, or make the step larger"
-        )
-
-
-def cross_check(rig: Rig, maps: Sequence[DepthMap], tolerance: float) -> list[DepthMap]:
-    """Depth maps of all views with only those pixels left that the other views' maps agree with.
-
-    `tolerance` (1/mm) is the largest difference of inverse depth between maps that agree.
-    """
-    checked = []
-    for k, (view, own) in enumerate(zip(rig, maps, strict=True)):
-        points = _surface(view, own)
-        seen = [other.at(rig[j].project(points)) for j, other in enumerate(maps) if j != k]
-        good = agreement(own.inverse_depth, np.stack(seen), tolerance)
-        checked.append(
-            DepthMap(
-                own.origin,
-                np.where(good, own.inverse_depth, np.float32(np.nan)),
-                np.where(good, own.sigma, np.float32(np.nan)),
-                np.where(good, own.score, np.float32(0)),
-            )
-        )
-    return checked
-
-
-def _surface(view, own):
-    """Points (h, w, 3) of a depth map; NaN where it knows nothing."""
-    height, width = own.inverse_depth.shape
-    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1) + np.array(own.origin)
-    with np.errstate(divide="ignore"):
-        return view.rays(grid).at_depth(1 / own.inverse_depth.astype(float))
 
 
 def _named(progress, name):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..fusion import fuse
 from ..geometry import as_rgb
 from ..matching import DepthMap
 from ..rigs import Rig
@@ -16,7 +17,9 @@ from ..rigs import Rig
 class Reconstruction:
     """What one photograph tells about the scene.
 
-    The maps cover the photograph, pixel by pixel; the points are those of all pixels with a depth, row by row.
+    Depth, sigma, confidence and view cover the photograph, pixel by pixel, as each view was matched by itself. The
+    points are the fused cloud (`fusion.fuse`): what several views show is there once, merged, on the ray of its pixel
+    in the first of these views.
     """
 
     rig: Rig
@@ -25,9 +28,12 @@ class Reconstruction:
     sigma: np.ndarray  # (H, W) float32 mm, standard deviation of depth; NaN unknown
     confidence: np.ndarray  # (H, W) float32, 0 to 1; 0 unknown
     view: np.ndarray  # (H, W) int8, the view that each pixel belongs to; -1 none
+    maps: tuple[DepthMap, ...]  # the same depths by view, for fusion and for a mesh (`fusion.build_mesh`)
     points: np.ndarray  # (N, 3) mm, rig frame
     covariance: np.ndarray  # (N, 3, 3) float32 mm^2
     colours: np.ndarray  # (N, 3) uint8
+    normals: np.ndarray  # (N, 3) float32 unit, towards the camera; NaN unknown
+    views: np.ndarray  # (N,) uint8, how many views have the point
     pixels: np.ndarray  # (N, 2) the pixel of each point
 
     @property
@@ -42,44 +48,17 @@ def assemble(photograph: np.ndarray, rig: Rig, depths: tuple[float, float], maps
     shape = photograph.shape[:2]
     depth, sigma = np.full((2, *shape), np.nan, dtype=np.float32)
     confidence, view_of = np.zeros(shape, np.float32), np.full(shape, -1, np.int8)
-    clouds, picture = [], as_rgb(photograph)
     for k, (view, own) in enumerate(zip(rig, maps, strict=True)):
-        mask = view.region.mask
-        view_of[mask] = k
+        view_of[view.region.mask] = k
         rows, columns = np.nonzero(np.isfinite(own.inverse_depth))
         inverse = own.inverse_depth[rows, columns].astype(float)
-        spread = own.sigma[rows, columns].astype(float)
-        pixels = np.stack([columns, rows], -1) + own.origin
-        y, x = pixels[:, 1], pixels[:, 0]
+        y, x = rows + own.origin[1], columns + own.origin[0]
         depth[y, x] = 1 / inverse
-        sigma[y, x] = spread / inverse**2
+        sigma[y, x] = own.sigma[rows, columns] / inverse**2
         confidence[y, x] = own.score[rows, columns]
-        points, covariance = _located(rig, k, pixels, inverse, spread)
-        clouds.append((points, covariance, picture[y, x], pixels))
-    points, covariance, colours, pixels = (np.concatenate(parts) for parts in zip(*clouds, strict=True))
-    return Reconstruction(rig, depths, depth, sigma, confidence, view_of, points, covariance, colours, pixels)
-
-
-def _located(rig, k, pixels, inverse, spread):
-    """Points (N, 3) of pixels (N, 2) at inverse depths (N,), and their covariance (N, 3, 3).
-
-    A correspondence is as uncertain in the reference view as in the others: along the ray by the spread of
-    inverse depth, across it by the pixels that this spread stands for in the most sensitive other view.
-    """
-    view = rig[k].unbounded()
-    depth = 1 / inverse
-    points = view.rays(pixels).at_depth(depth)
-    further = view.rays(pixels).at_depth(1 / (inverse + spread))
-    along = further - points
-    moves = [
-        np.linalg.norm(other.unbounded().project(further) - other.unbounded().project(points), axis=-1)
-        for j, other in enumerate(rig)
-        if j != k
-    ]
-    noise = np.nanmax(moves, axis=0)[:, None]
-    across = [
-        noise * (view.rays(pixels + half).at_depth(depth) - view.rays(pixels - half).at_depth(depth))
-        for half in np.array([[0.5, 0.0], [0.0, 0.5]])
-    ]
-    factor = np.stack([along, *across], -1).astype(np.float32)
-    return points, factor @ np.swapaxes(factor, -1, -2)
+    cloud = fuse(rig, maps)
+    colours = as_rgb(photograph)[cloud.pixels[:, 1], cloud.pixels[:, 0]]
+    return Reconstruction(
+        rig, depths, depth, sigma, confidence, view_of, tuple(maps), cloud.points, cloud.covariance, colours,
+        cloud.normals, cloud.views, cloud.pixels,
+    )  # fmt: skip

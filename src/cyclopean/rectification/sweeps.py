@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
+
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import SetupError
 from ..geometry import Rays, Warps
 from ..rigs import Rig
+from .dispersion import check_channels, places
 
+TOLERANCE = 0.01  # px, largest error of the maps between points that are projected exactly
+SPACINGS = (8, 4, 2)  # px between those points, the first that is fine enough
+_DEGREES = (2, 3, 4, 6)  # of the polynomials in inverse depth
 _PROBES = 24  # a grid of pixels a side, and of depths, to choose steps by
 
 
@@ -63,64 +71,105 @@ def at_inverse_depths(rays: Rays, inverse: ArrayLike) -> np.ndarray:
     return rays.at_depth((1 / inverse).reshape(-1, *[1] * len(rays.shape)))
 
 
-def sweep(rig: Rig, reference: int, inverse: ArrayLike, spacing: int = 8) -> Warps:
+def sweep(
+    rigs: Rig | Sequence[Rig],
+    reference: int,
+    inverse: ArrayLike,
+    tolerance: float = TOLERANCE,
+    middle: float | None = None,
+) -> Warps:
     """Where the pixels of one view are seen by all others, for a sweep of depths.
 
-    Every lattice point is projected exactly, along true rays, at every depth; pixels between lattice points
-    are to be interpolated. Lattice points beyond a seam are taken from the surfaces without end, so that maps
-    stay smooth there; the masks say which pixels count.
+    Lattice points are projected exactly, along true rays, at some inverse depths; a polynomial through them
+    stands for those between, and pixels between lattice points are to be interpolated. Degree and spacing of
+    the lattice are the coarsest that keep the largest error, found by exact projection in the middles of cells
+    and between the depths, below the tolerance. Lattice points beyond a seam are taken from the surfaces
+    without end, so that maps stay smooth there; the masks say which pixels count.
 
     Parameters
     ----------
-    rig : Rig
-        Views; the reference and all others.
+    rigs : Rig or sequence of three Rigs
+        The reference and all other views; one rig for all colours, or those of the channels (`channel_rigs`) of a
+        photograph that is `compensated`.
     reference : int
         Number of the view whose pixels are mapped.
     inverse : (D,) array
         Inverse depths 1/mm, ascending and evenly spaced (`inverse_depths`).
-    spacing : int
-        Distance of lattice points, px. `interpolation_error` measures what it costs.
+    tolerance : float
+        Largest error of the maps, px.
+    middle : float, optional
+        Of three rigs, the inverse depth (1/mm) at which the photograph is compensated; see `places`.
 
     Returns
     -------
     Warps
         Maps into the other views, in the order of the rig.
+
+    Raises
+    ------
+    SetupError
+        Where even the finest lattice misses the tolerance: the optic folds or bends the picture too much.
     """
-    view = rig[reference]
-    x, y, width, height = view.region.box
-    columns = x + spacing * np.arange(-(-(width - 1) // spacing) + 1)
-    rows = y + spacing * np.arange(-(-(height - 1) // spacing) + 1)
-    rays = view.unbounded().rays(np.stack(np.meshgrid(columns, rows), -1))
-    others = [k for k in range(len(rig)) if k != reference]
+    channels = check_channels(rigs)
     inverse = np.asarray(inverse, dtype=float)
-    nodes = np.empty((len(others), len(inverse), len(rows), len(columns), 2), dtype=np.float32)
-    for d, w in enumerate(inverse):  # one depth at a time: the points of all would not fit in memory
-        points = rays.at_depth(1 / w)
-        for k, other in enumerate(others):
-            nodes[k, d] = rig[other].unbounded().project(points)
-    masks = rig.masks[[reference, *others]]
-    return Warps((x, y), (width, height), inverse, spacing, nodes, masks)
-
-
-def interpolation_error(rig: Rig, warps: Warps, reference: int) -> float:
-    """Largest error (px) of bilinear interpolation between a sweep's lattice points, found at cell middles."""
-    half = warps.spacing / 2
-    rows, columns = warps.nodes.shape[2] - 1, warps.nodes.shape[3] - 1
-    if rows < 1 or columns < 1:
-        return 0.0
-    x, y = warps.origin
-    middle = np.stack(
-        np.meshgrid(x + half + warps.spacing * np.arange(columns), y + half + warps.spacing * np.arange(rows)),
-        -1,
+    exact = partial(places, channels, reference, middle=(inverse[0] + inverse[-1]) / 2 if middle is None else middle)
+    rig = channels[len(channels) // 2]
+    masks = rig.masks[[reference, *(k for k in range(len(rig)) if k != reference)]]
+    near = [cv2.dilate(mask.astype(np.uint8), np.ones((2 * SPACINGS[0] + 1,) * 2, np.uint8)) > 0 for mask in masks]
+    worst, box = np.inf, rig[reference].region.box
+    for spacing in SPACINGS:
+        for degree in _DEGREES:
+            warps = _fitted(exact, box, inverse, spacing, degree, masks)
+            worst = _error(exact, warps, near, 0.5)
+            if worst <= tolerance:
+                return warps
+            if _error(exact, warps, near, 0.0) <= tolerance / 2:
+                break  # a higher degree would not help, a finer lattice may
+    raise SetupError(
+        f"maps into other views miss by up to {worst:.3f} px between points {SPACINGS[-1]} px apart, more than "
+        f"{tolerance:g} px: the optic bends the picture too much there; state a narrower depth range"
     )
-    rays = rig[reference].unbounded().rays(middle)
-    others = [k for k in range(len(rig)) if k != reference]
-    worst = 0.0
-    for d in (0, len(warps.inverse_depths) - 1):
-        points = rays.at_depth(1 / warps.inverse_depths[d])
-        for k, other in enumerate(others):
-            cells = warps.nodes[k, d].astype(float)
-            between = (cells[1:, 1:] + cells[1:, :-1] + cells[:-1, 1:] + cells[:-1, :-1]) / 4
-            miss = np.linalg.norm(rig[other].unbounded().project(points) - between, axis=-1)
-            worst = max(worst, float(np.nanmax(miss, initial=0.0)))
-    return worst
+
+
+def _fitted(exact, box, inverse, spacing, degree, masks):
+    """Warps with polynomials of a degree through exact places at Chebyshev points of the range."""
+    x, y, width, height = box
+    columns = x + spacing * np.arange(max(-(-(width - 1) // spacing), 1) + 1)
+    rows = y + spacing * np.arange(max(-(-(height - 1) // spacing), 1) + 1)
+    s = np.cos(np.pi * (np.arange(degree, -1, -1) + 0.5) / (degree + 1))
+    found = exact(np.stack(np.meshgrid(columns, rows), -1), _at(inverse, s))
+    powers = np.linalg.inv(np.vander(s, increasing=True))
+    coefficients = np.einsum("kd,vdcijx->vcijxk", powers, found, optimize=True).astype(np.float32)
+    return Warps((x, y), (width, height), inverse, spacing, coefficients, masks)
+
+
+def _at(inverse, s):
+    """Inverse depths at s in [-1, 1]."""
+    return inverse[0] + (np.asarray(s) + 1) / 2 * (inverse[-1] - inverse[0])
+
+
+def _error(exact, warps, near, offset):
+    """Largest distance (px) of maps from exact places, at nodes or an offset of cells from them, between the depths.
+
+    Only places near pixels of the reference count that lie near pixels of the other view.
+    """
+    rows, columns = (n - (offset > 0) for n in warps.lattice)
+    x, y = np.array(warps.origin) + offset * warps.spacing
+    grid = np.stack(np.meshgrid(x + warps.spacing * np.arange(columns), y + warps.spacing * np.arange(rows)), -1)
+    count = warps.coefficients.shape[-1]
+    probes = np.concatenate([[-1], -np.cos(np.pi * np.arange(1, count) / count), [1]])
+    true = exact(grid, _at(warps.inverse_depths, probes))
+    found = np.stack([warps.nodes(step) for step in (probes + 1) / 2 * (len(warps.inverse_depths) - 1)], axis=1)
+    if offset:
+        found = (found[..., 1:, 1:, :] + found[..., 1:, :-1, :] + found[..., :-1, 1:, :] + found[..., :-1, :-1, :]) / 4
+    counts = np.stack([_inside(mask, true[k]) for k, mask in enumerate(near[1:])]) & _inside(near[0], grid)
+    return float(np.max(np.linalg.norm(true - found, axis=-1), where=counts, initial=0.0))
+
+
+def _inside(mask, pixels):
+    """Whether pixels (..., 2) lie on a mask (H, W)."""
+    height, width = mask.shape
+    with np.errstate(invalid="ignore"):
+        good = ((pixels > -0.5) & (pixels < np.array([width, height]) - 0.5)).all(-1)
+    x, y = np.moveaxis(np.rint(np.where(good[..., None], pixels, 0)).astype(int), -1, 0)
+    return good & mask[y, x]

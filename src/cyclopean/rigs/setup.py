@@ -10,7 +10,7 @@ import numpy as np
 from ..cameras import Camera
 from ..cameras.camera import CAMERA_PARAMETERS
 from ..errors import SetupError
-from ..optics import Path, Reason
+from ..optics import Medium, Path, Reason, medium
 from .rig import Rig
 from .view import DEFAULT_MARGIN, View
 
@@ -50,10 +50,19 @@ class Setup:
     f_number: float | None = None  # of the lens; with focus_distance and the camera's pixel pitch: blend bands
     focus_distance: float | None = None  # mm, from the pinhole to what is in focus
     depths: tuple[float, float] | None = None  # mm, nearest and farthest depth of interest
+    channel_wavelengths_nm: tuple[float, float, float] | None = None  # of red, green and blue of a colour photograph
+    dispersion: str | Medium | None = None  # the glass whose dispersion counts where the optic's index is a number
 
     def __post_init__(self):
         if not (np.isfinite(self.wavelength_nm) and self.wavelength_nm > 0):
             raise SetupError(f"the wavelength must be a positive number of nm, got {self.wavelength_nm}")
+        channels = self.channel_wavelengths_nm
+        if channels is not None and (len(channels) != 3 or not all(np.isfinite(nm) and nm > 0 for nm in channels)):
+            raise SetupError(
+                f"channel_wavelengths_nm must be three positive numbers of nm, (red, green, blue), got {channels}"
+            )
+        if self.dispersion is not None and medium(self.dispersion).formula == "constant":
+            raise SetupError(f"dispersion is the name of a glass, such as N-BK7, got {self.dispersion}")
         if self.depths is not None and not 0 < self.depths[0] < self.depths[1]:
             raise SetupError(f"depths must be (near, far) with 0 < near < far in mm, got {self.depths}")
         for name in ("f_number", "focus_distance"):

@@ -183,6 +183,13 @@ class View:
         view.__dict__["_aim"] = self._aim  # it sees what this view sees, and more
         return view
 
+    def with_region(self, region: Region) -> View:
+        """The same view that gives these pixels as its own; rays and projections stay what they are."""
+        view = replace(self)
+        view.__dict__.update({name: self.__dict__[name] for name in ("_aim", "_unbounded") if name in self.__dict__})
+        view.__dict__["region"] = region
+        return view
+
     def continued(self, camera: Camera, path: Path) -> View:
         """A view along a similar path, for solvers: it projects smoothly even where no real light would go.
 

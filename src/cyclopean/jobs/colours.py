@@ -1,0 +1,116 @@
+"""The colours of a photograph that is to be matched: which channels, in whose rigs, and what to say about them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import ImageError, SetupError
+from ..files import read_setup
+from ..rectification import (
+    channel_rigs,
+    channel_shifts,
+    compensated,
+    expected_shifts,
+    knows_channels,
+    middle_inverse_depth,
+)
+from ..rigs import Rig, Setup
+from ..rigs.colours import bends_colours, coloured
+
+COLOURS = ("red", "green", "blue")
+_APART = 0.7  # px between channels that nobody accounts for: matching them as one suffers; less is hard to measure
+
+
+class Coloured(NamedTuple):
+    """A photograph as it is to be matched."""
+
+    photograph: np.ndarray  # (H, W) of one channel, or (H, W, 3) brought together where the channels are known
+    rig: Rig  # of that channel, or of green
+    channels: tuple[Rig, ...]  # of red, green and blue; of the one channel or of all alike: one rig
+    depths: tuple[float, float]  # mm, to search
+    note: str  # what was done; empty where nothing was
+    warnings: list[str]
+
+
+def read_setups(files: Sequence[Path]) -> tuple[Setup, ...]:
+    """The setup of all colours, or those of red, green and blue."""
+    if len(files) not in (1, 3):
+        raise SetupError(f"--setup is given once, or three times, for red, green and blue; got {len(files)} files")
+    return tuple(read_setup(file) for file in files)
+
+
+def chosen_colours(
+    photo: Path,
+    photograph: np.ndarray,
+    setups: Sequence[Setup],
+    channel: str,
+    depths: tuple[float, float] | None,
+) -> Coloured:
+    """The photograph as it is to be matched, in one channel or in all.
+
+    Channels are brought together where three setups, or one that knows its channels, tell how far they lie apart.
+    """
+    if photograph.ndim == 2:
+        if channel != "all":
+            raise ImageError(f"{photo} is grey: it has no {channel} channel; leave --channel out")
+        if len(setups) == 3:
+            raise ImageError(f"{photo} is grey, but three setups were given, for red, green and blue: give one")
+        return _plain(photograph, setups[0], depths)
+    if channel != "all":
+        number = COLOURS.index(channel)
+        return _plain(np.ascontiguousarray(photograph[..., number]), _of_channel(setups, number), depths)
+    if len(setups) == 3 or knows_channels(setups[0]):
+        return _brought_together(photograph, setups, depths)
+    plain = _plain(photograph, setups[0], depths)
+    if bends_colours(setups[0]):
+        plain.warnings.extend(_unaccounted(photograph, setups[0], plain.rig))
+    return plain
+
+
+def _plain(photograph, setup, depths):
+    rig = setup.rig()
+    return Coloured(photograph, rig, (rig,), depths or setup.depths or rig.working_depths, "", [])
+
+
+def _of_channel(setups, number):
+    if len(setups) == 3:
+        return setups[number]
+    (setup,) = setups
+    return coloured(setup, setup.channel_wavelengths_nm[number]) if knows_channels(setup) else setup
+
+
+def _brought_together(photograph, setups, depths):
+    rigs = channel_rigs(setups if len(setups) == 3 else setups[0], depths)
+    depths = depths or setups[len(setups) // 2].depths or rigs[1].working_depths
+    middle = middle_inverse_depth(depths)
+    expected = expected_shifts(rigs, middle)
+    red, _, blue = np.linalg.norm(expected, axis=-1).max(0)
+    note = f"colours: red is brought to green by up to {red:.1f} px, blue by up to {blue:.1f} px"
+    missed = np.linalg.norm(channel_shifts(photograph, rigs[1]).shifts - expected, axis=-1)
+    warnings = []
+    if np.nanmax(missed) > _APART:
+        view, channel = np.unravel_index(np.nanargmax(missed), missed.shape)
+        warnings.append(
+            f"{COLOURS[channel]} still lies {missed[view, channel]:.1f} px from green in view {view}: are glass and "
+            "wavelengths of the channels those of this photograph? --channel green matches green alone"
+        )
+    return Coloured(compensated(photograph, rigs, middle), rigs[1], rigs, depths, note, warnings)
+
+
+def _unaccounted(photograph, setup, rig):
+    largest = channel_shifts(photograph, rig).largest
+    if largest <= _APART:
+        return []
+    wavelengths = setup.channel_wavelengths_nm
+    if wavelengths is None:
+        known = "state channel_wavelengths_nm = [RED, GREEN, BLUE] under [light] in the setup file"
+    else:
+        known = 'name the glass whose dispersion counts, such as dispersion = "N-BK7", under [light] in the setup file'
+    return [
+        f"the colours of this photograph lie up to {largest:.1f} px apart, and the setup does not say why: match one "
+        f"channel (--channel green), or {known}, or give --setup three times, for red, green and blue"
+    ]
