@@ -4,13 +4,14 @@
 
 Photographs and true depths are those of `mitsuba/scenes`, rendered by other people's code; ours and the peer
 both get the true setup. Ours searches 600 to 1600 mm. The peer is what `cyclopean reconstruct --matcher sgbm` does
-with each pair (pinholes, rectification, StereoSGBM in colour). It is favoured: its pinholes are fitted between, and
-its disparities cover, just the scene's true depths, and its seconds are those of remapping and matching alone. It
-matches at the photograph's scale and, with --full, at twice that. Without --full, or for some scenes only, nothing
-is stored in results/dense.json.
+with each ordered pair of views (pinholes, rectification, StereoSGBM). It is favoured: its pinholes are fitted
+between, and its disparities cover, just the scene's true depths. Its depth is measured in colour, at the
+photograph's scale and, with --full, at twice that; its time for grey pictures and for its fastest mode (3WAY) too.
+numba and OpenCV both have two threads. Only --full with all scenes stores figures, in results/dense.json.
 
 In the scene named chroma the glass disperses: colours of one point lie some px apart, and apart otherwise in each
-view. Its setup and its truth are those of green light; it is measured as it is, and by its green channel alone.
+view. Its setup and its truth are those of green light; it is measured as it is, by its green channel alone, and
+compensated: three setups, one for each colour, bring the colours together, and each is matched along its own rays.
 
 What counts: the pixels that the truth is sampled at, that lie in the mask of a view, and whose true point another
 view sees. It does when the point projects into that view's mask, and one of the 3 x 3 true samples around there
@@ -20,219 +21,253 @@ lies within 1 % of the depth of it; otherwise something hides it. All views are 
 - bad-N: the share whose depth is off by more than N % of the true depth
 - bad/none: the share of all that have a depth off by more than 1 %, or none
 - median, rms: of the error in % of the true depth; the rms is of the best 98 %
+- rms px: error of inverse depth as px in the view that moves most of those that see the point, best 98 %
 - error/sigma: the 68th percentile of the error over its stated standard deviation; 1 is ideal
 
 The peer gives one depth for each other view: "merged" is their median, as a user would take it; "pairs" are all
-ordered pairs of views pooled. "exact" is depth by exact rays from the same matches.
+ordered pairs of views pooled. "exact" is depth by exact rays from the same matches. Seconds are medians of repeats:
+
+- match: matching alone, all views, with the maps between the views ready (the peer: all ordered pairs one after the
+  other, its rectifying maps ready; with and without the remapping that they are for, which ours does as it matches)
+- first: the whole job from the setup to points with covariance; further: the same for another photograph
+- rate: pixels x hypotheses x other views a second of match, of all hypotheses half a px apart at full resolution, as
+  a plain sweep would try ("effective"), and of those that are tried at half the resolution
+- memory: the peak of a process less what it held before, for matching with its maps, and for the whole job
+
+With --full, also with the setup that our own calibration finds from the boards in `camera_only` and `calib_*`,
+camera and prism together, beside the same with the true setup.
 """
 
 import argparse
 import json
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
-from itertools import permutations
+from dataclasses import replace
+from functools import cache, partial
 
 import cv2
+import numba
 import numpy as np
 from rich.progress import Progress
 
-from benchmarks.data import data_folder, renderer_setup
-from benchmarks.results import table, write
+from benchmarks.dense_peers import PEERS, match_all, peer_figures, peer_seconds, rectified
+from benchmarks.dense_report import report
+from benchmarks.dense_truth import (
+    Scene,
+    channel_indices,
+    judged,
+    motions,
+    others,
+    rig_name,
+    scene,
+    scene_names,
+    seen_by,
+)
+from benchmarks.results import write
+from benchmarks.timing import apart, median_seconds, peak_mib
 from cyclopean import Camera, Rig, Setup, reconstruct
-from cyclopean.matching.pairwise import sgbm
-from cyclopean.pipeline import find_disparity
-from cyclopean.rectification import exact_depth, partners, pinhole_depth, rectify, tilted_pinhole
+from cyclopean.matching import match
+from cyclopean.pipeline import plan_of
+from cyclopean.rectification import channel_rigs, compensated, middle_inverse_depth
 
 DEPTHS = (600.0, 1600.0)  # mm, that ours searches
-NEAR_TRUTH = 0.02  # the peer's depths reach this share beyond the true ones
-SAME_POINT = 0.01  # of the depth: two true samples so near to each other are one point
-ONE_SIGMA_PERCENT = 68.27
-WAYS = {"pinhole": pinhole_depth, "exact": exact_depth}
+THREADS = 2
+MATCHES, JOBS = 5, 3  # repeats
+RATIOS = ("complete", "bad1", "median", "rms98")  # that our own calibration is judged by
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """A photograph with its truth, sampled every `step` px."""
-
-    setup: Setup
-    photograph: np.ndarray  # (H, W, 3) uint8, RGB; (H, W) green
-    step: int
-    points: np.ndarray  # (h, w, 3) mm, the true point of each sampled pixel
+def row_names() -> list[str]:
+    """All rows of the table: the scenes, and those with dispersion compensated too."""
+    names = scene_names()
+    return sorted([*names, *(name.replace("_green", "_compensated") for name in names if name.endswith("_green"))])
 
 
-def scene_names() -> list[str]:
-    """All scenes; NAME_green is the green channel of a scene with dispersion."""
-    folder = data_folder("mitsuba") / "scenes"
-    names = sorted(path.stem for path in folder.glob("*.png"))
-    return sorted([*names, *(f"{name}_green" for name in names if "chroma" in name)])
+def row_scene(name: str) -> Scene:
+    """The scene of a row."""
+    return scene(name.removesuffix("_compensated"))
 
 
-def scene(name: str) -> Scene:
-    """Read `mitsuba/scenes/NAME`."""
-    stem = data_folder("mitsuba") / "scenes" / name.removesuffix("_green")
-    truth = np.load(stem.with_suffix(".npz"))
-    rig = json.loads(stem.with_suffix(".json").read_text())["rig"]
-    photograph = cv2.cvtColor(cv2.imread(str(stem.with_suffix(".png"))), cv2.COLOR_BGR2RGB)
-    if name.endswith("_green"):
-        photograph = photograph[..., 1].copy()
-    return Scene(renderer_setup(rig), photograph, int(truth["step"]), truth["xyz"].astype(float))
+def prepared(name: str, truth: Scene, setup: Setup) -> tuple[np.ndarray, Rig, tuple[Rig, ...] | None]:
+    """What `reconstruct` is given: photograph, rig, and the rigs of the channels where colours are compensated."""
+    if not name.endswith("_compensated"):
+        return truth.photograph, setup.rig(), None
+    indices = channel_indices(name.removesuffix("_compensated"))
+    setups = [replace(setup, optic=replace(setup.optic, glass=index)) for index in indices]
+    rigs = channel_rigs(setups, DEPTHS)
+    return compensated(truth.photograph, rigs, middle_inverse_depth(DEPTHS)), rigs[1], rigs
 
 
-def seen_by(rig: Rig, truth: Scene) -> np.ndarray:
-    """(h, w, V) bool: which views see the true point of each sampled pixel, themselves included."""
-    height, width = truth.points.shape[:2]
-    seen = []
-    for view in rig:
-        pixels = view.project(truth.points)
-        inside = view.region.contains(pixels)
-        x, y = np.moveaxis(np.rint(np.where(inside[..., None], pixels, 0) / truth.step).astype(int), -1, 0)
-        around = [(np.clip(y + j, 0, height - 1), np.clip(x + i, 0, width - 1)) for j in (-1, 0, 1) for i in (-1, 0, 1)]
-        apart = np.min([np.linalg.norm(truth.points[place] - truth.points, axis=-1) for place in around], axis=0)
-        seen.append(inside & (apart < SAME_POINT * truth.points[..., 2]))
-    return np.stack(seen, axis=-1)
+def job(name: str, truth: Scene, setup: Setup):
+    """The whole job, from the photograph to points with covariance."""
+    photograph, rig, channels = prepared(name, truth, setup)
+    return reconstruct(photograph, rig, DEPTHS, channels=channels)
 
 
-def judged(depth: np.ndarray, truth: np.ndarray, sigma: np.ndarray | None = None) -> dict[str, float]:
-    """Figures of depths (N,) beside the true ones, both in mm, NaN where there is none."""
-    known = np.isfinite(depth)
-    error = np.abs(depth - truth)[known]
-    percent = np.sort(100 * error / truth[known])
-    best = percent[: int(0.98 * len(percent))]
+def depth_figures(name: str, truth: Scene, setup: Setup, other: np.ndarray, motion: np.ndarray) -> dict[str, float]:
+    """Figures of our depths with a setup; `other` and `motion` are those of the true one."""
+    found, every, counted = job(name, truth, setup), (slice(None, None, truth.step),) * 2, other.any(-1)
+    most = np.max(motion[counted], axis=-1, where=other[counted], initial=0.0)
+    depth, sigma = found.depth[every][counted].astype(float), found.sigma[every][counted]
+    return judged(depth, truth.points[counted][:, 2], sigma, most)
+
+
+def our_seconds(name: str, truth: Scene) -> dict[str, float]:
+    """Seconds of matching alone and of the whole job, and how many hypotheses that makes a second."""
+    photograph, rig, channels = prepared(name, truth, truth.setup)
+    plan = plan_of(rig, DEPTHS, channels=channels)
+    seconds = median_seconds(lambda: match(photograph, plan), MATCHES)
+    first = median_seconds(lambda: job(name, truth, truth.setup), JOBS)
+    further = median_seconds(lambda: reconstruct(photograph, rig, DEPTHS, channels=channels), JOBS)
+    looks, hypotheses = len(rig) - 1, plan.references[0].depths
     figures = {
-        "complete_percent": 100 * known.mean(),
-        "bad1_percent": 100 * np.mean(percent > 1),
-        "bad2_percent": 100 * np.mean(percent > 2),
-        "bad5_percent": 100 * np.mean(percent > 5),
-        "bad1_or_none_percent": 100 * (1 - np.count_nonzero(percent <= 1) / len(known)),
-        "median_percent": np.median(percent),
-        "rms98_percent": np.sqrt(np.mean(best**2)),
+        "match_seconds": seconds,
+        "first_seconds": first,
+        "further_seconds": further,
+        "hypotheses": hypotheses,
+        "effective_million_per_s": looks * hypotheses * int(rig.masks.sum()) / seconds / 1e6,
     }
-    if sigma is not None:
-        figures["error_over_sigma_times"] = np.percentile(error / sigma[known], ONE_SIGMA_PERCENT)
-    return {name: float(value) for name, value in figures.items()}
-
-
-def ours(truth: Scene, rig: Rig, counted: np.ndarray) -> dict[str, float]:
-    """Figures of the whole job, from the photograph to points with covariance."""
-    start = time.perf_counter()
-    found = reconstruct(truth.photograph, rig, DEPTHS)
-    seconds = time.perf_counter() - start
-    every = (slice(None, None, truth.step),) * 2
-    figures = judged(found.depth[every][counted], truth.points[counted][:, 2], found.sigma[every][counted])
-    return {**figures, "seconds": seconds}
-
-
-def peers(truth: Scene, rig: Rig, seen: np.ndarray, scale: int, tick: Callable[[], None]) -> dict[str, float]:
-    """Figures of the peer at a scale, merged and by pairs, by pinholes and by exact rays."""
-    masks = np.stack([view.region.mask[:: truth.step, :: truth.step] for view in rig], axis=-1)
-    true_depth = truth.points[..., 2]
-    depths = np.nanmin(true_depth) * (1 - NEAR_TRUTH), np.nanmax(true_depth) * (1 + NEAR_TRUTH)
-    cameras = [tilted_pinhole(view, depths) for view in rig]
-    found = {way: np.full(seen.shape, np.nan) for way in WAYS}  # (h, w, V), by the other view
-    seconds = 0.0
-    for i, j in permutations(range(len(rig)), 2):
-        pair = rectify((rig[i], rig[j]), (cameras[i], cameras[j]), depths, scale * truth.setup.camera.focal[0])
-        start = time.perf_counter()
-        disparity = find_disparity(truth.photograph, pair, sgbm())
-        seconds += time.perf_counter() - start
-        rows, columns = np.nonzero(masks[..., i])
-        pixels = truth.step * np.stack([columns, rows], axis=-1)
-        others = partners(pair, disparity, pixels)
-        for way, depth in WAYS.items():
-            found[way][rows, columns, j] = depth(pair, pixels, others)
-        tick()
-    other = seen & masks.any(-1)[..., None] & ~masks
-    some = other.any(-1)
-    figures = {"seconds": seconds}
-    for way, depth in found.items():
-        merged = judged(_median(depth[some]), true_depth[some])
-        pairs = judged(depth[other], np.broadcast_to(true_depth[..., None], depth.shape)[other])
-        figures |= {f"{way}_{name}": value for name, value in merged.items()}
-        figures |= {f"{way}_pairs_{name}": value for name, value in pairs.items()}
-    return {f"sgbm{scale}x_{name}": value for name, value in figures.items()}
-
-
-def measured(name: str, scales: Sequence[int], tick: Callable[[str, int], None]) -> dict[str, float]:
-    """All figures of one scene."""
-    truth = scene(name)
-    rig = truth.setup.rig()
-    seen = seen_by(rig, truth)
-    masks = rig.masks[:, :: truth.step, :: truth.step]
-    counted = masks.any(0) & (seen & ~np.moveaxis(masks, 0, -1)).any(-1)
-    tick(name, 0)
-    figures = ours(truth, rig, counted)
-    tick(name, 1)
-    for scale in scales:
-        figures |= peers(truth, rig, seen, scale, partial(tick, f"{name}, OpenCV {scale}x", 1))
-        figures[f"sgbm{scale}x_exact_median_over_ours_times"] = (
-            figures[f"sgbm{scale}x_exact_median_percent"] / figures["median_percent"]
-        )
+    if len(plan.layouts) == 2:  # else coarser levels decide what is tried
+        tried = sum(int(reference.masks[2].sum()) for reference in plan.references) * ((hypotheses - 1) // 2 + 1)
+        figures["tried_million_per_s"] = looks * tried / seconds / 1e6
     return figures
+
+
+def peak(name: str, who: str) -> dict[str, float]:
+    """Memory (MiB) that matching takes, and the whole job, beyond what this process holds before."""
+    few_threads()
+    warm_up(name)
+    truth = row_scene(name)
+    photograph, rig, channels = prepared(name, truth, truth.setup)
+    before = peak_mib()
+    if who in PEERS:
+        match_all(PEERS[who], photograph, rectified(rig, truth, PEERS[who].scale))
+        return {"match_mib": peak_mib() - before}
+    match(photograph, plan_of(rig, DEPTHS, channels=channels))
+    matched = peak_mib()
+    reconstruct(photograph, rig, DEPTHS, channels=channels)
+    return {"match_mib": matched - before, "whole_mib": peak_mib() - before}
+
+
+@cache
+def calibrated(rig: str) -> Setup:
+    """The setup that our own calibration finds, camera and prism together, from a start that is off."""
+    from benchmarks.calibration import joint
+    from benchmarks.targets import detected_corners
+
+    return joint(rig, detected_corners).setup
+
+
+def peers_beside(
+    name: str, truth: Scene, other: np.ndarray, motion: np.ndarray, full: bool, tick: Callable[[str], None]
+) -> dict[str, float]:
+    """All figures of the peer."""
+    photograph, rig, _ = prepared(name, truth, truth.setup)
+    masks = np.moveaxis(rig.masks[:, :: truth.step, :: truth.step], 0, -1)
+    figures, pairs = {}, {}
+    for key, peer in PEERS.items():
+        if peer.scale > 1 and not full:
+            continue
+        if peer.scale not in pairs:
+            pairs = {peer.scale: rectified(rig, truth, peer.scale)}
+        found = peer_seconds(peer, photograph, pairs[peer.scale], THREADS, partial(tick, f"{name}, {peer.title}"))
+        if not peer.grey:
+            found |= peer_figures(peer, photograph, pairs[peer.scale], truth, masks, other, motion)
+        figures |= {f"{key}_{what}": value for what, value in found.items()}
+    return figures
+
+
+def measured(name: str, full: bool, tick: Callable[[str], None]) -> dict[str, float]:
+    """All figures of one row."""
+    truth = row_scene(name)
+    rig = truth.setup.rig()
+    other, motion = others(rig, truth, seen_by(rig, truth)), motions(rig, truth)
+    tick(name)
+    figures = depth_figures(name, truth, truth.setup, other, motion) | our_seconds(name, truth)
+    tick(name)
+    figures |= peers_beside(name, truth, other, motion, full, tick)
+    if full:
+        for who in ("ours", "sgbm1x", "sgbm2x"):
+            found = apart("dense", [name, "--peak", who], THREADS)
+            figures |= {key if who == "ours" else f"{who}_{key}": value for key, value in found.items()}
+        if "chroma" not in name:
+            own = depth_figures(name, truth, calibrated(rig_name(name)), other, motion)
+            figures |= {f"calibrated_{key}": value for key, value in own.items()}
+    return figures | ratios(figures)
+
+
+def ratios(figures: dict[str, float]) -> dict[str, float]:
+    """Ours beside the peer, and our own calibration beside the true setup, in times."""
+    found = {}
+    for peer in ("sgbm1x", "sgbm2x"):
+        if f"{peer}_exact_bad1_percent" in figures:
+            for key in ("bad1_percent", "median_percent", "rms98_px"):
+                what = key.split("_")[0]
+                found[f"{what}_over_{peer}_times"] = _over(figures[key], figures[f"{peer}_exact_{key}"])
+    for peer in PEERS:
+        if f"{peer}_match_seconds" in figures:
+            found[f"{peer}_match_over_ours_times"] = figures[f"{peer}_match_seconds"] / figures["match_seconds"]
+            found[f"{peer}_over_ours_times"] = figures[f"{peer}_seconds"] / figures["match_seconds"]
+    if "calibrated_bad1_percent" in figures:
+        for key in RATIOS:
+            own, true = figures[f"calibrated_{key}_percent"], figures[f"{key}_percent"]
+            found[f"calibrated_{key}_over_true_times"] = _over(own, true)
+    return found
+
+
+def few_threads() -> None:
+    """Give numba and OpenCV as many threads as the table states."""
+    numba.set_num_threads(min(THREADS, numba.config.NUMBA_NUM_THREADS))
+    cv2.setNumThreads(THREADS)
 
 
 def warm_up(name: str) -> None:
     """Compile everything, on a small copy of a scene."""
-    truth = scene(name)
+    truth = row_scene(name)
     camera = truth.setup.camera
     small = Camera(tuple(n // 4 for n in camera.size), camera.focal[0] / 4)
-    reconstruct(cv2.resize(truth.photograph, small.size), Setup(small, truth.setup.optic).rig(), DEPTHS)
-
-
-def report(figures: dict[str, dict[str, float]], scales: Sequence[int]) -> None:
-    """Print ours, ours beside the peer, and the peer by pairs."""
-    columns = ["complete %", "bad-1 %", "bad-2 %", "bad-5 %", "median %", "rms %", "error/sigma", "s"]
-    keys = [f"{key}_percent" for key in ("complete", "bad1", "bad2", "bad5", "median", "rms98")]
-    _table("cyclopean", columns, [*keys, "error_over_sigma_times", "seconds"], figures)
-    for scale in scales:
-        columns = ["bad-1", "bad/none", "median", "s"]
-        keys = ["bad1_percent", "bad1_or_none_percent", "median_percent", "seconds"]
-        peer = [f"sgbm{scale}x_{'' if key == 'seconds' else 'exact_'}{key}" for key in keys]
-        columns = [*columns, "| bad-1", *columns[1:], "/ ours"]
-        keys = [*keys, *peer, f"sgbm{scale}x_exact_median_over_ours_times"]
-        _table(f"cyclopean beside OpenCV at {scale}x: merged, exact rays, %", columns, keys, figures)
-    for scale in scales:
-        columns = ["complete", *(f"{way}: {column}" for way in WAYS for column in ("bad-1", "median", "rms"))]
-        keys = [f"sgbm{scale}x_exact_pairs_complete_percent"]
-        keys += [f"sgbm{scale}x_{way}_pairs_{key}_percent" for way in WAYS for key in ("bad1", "median", "rms98")]
-        _table(f"OpenCV at {scale}x, pairs, %", columns, keys, figures)
+    given = replace(truth, photograph=cv2.resize(truth.photograph, small.size))
+    job(name, given, Setup(small, truth.setup.optic))
 
 
 def main() -> None:
     """Measure the scenes asked for, or all; store a full run."""
-    names = scene_names()
+    names = row_names()
+    chosen = _arguments(names)
+    if chosen.peak:
+        print(json.dumps(peak(chosen.scenes[0], chosen.peak)))
+        return
+    few_threads()
+    figures, peers = {}, [peer for peer in PEERS.values() if chosen.full or peer.scale == 1]
+    with Progress() as progress:
+        views = {name: row_scene(name).setup.optic.facets for name in chosen.scenes or names}
+        total = sum(2 + len(peers) * n * (n - 1) for n in views.values())
+        task = progress.add_task("compiling", total=total)
+        for name in views:
+            warm_up(name)
+            figures[name] = measured(name, chosen.full, lambda what: progress.update(task, description=what, advance=1))
+            progress.console.print(f"{name}: {figures[name]['match_seconds']:.2f} s")
+    report(figures, numba.get_num_threads(), chosen.full)
+    if chosen.scenes or not chosen.full or numba.get_num_threads() != THREADS:
+        print(f"not stored: that takes all scenes, --full and {THREADS} threads")
+        return
+    stored = {f"{name}_{key}": value for name, row in figures.items() for key, value in row.items()}
+    write("dense", {key: value for key, value in stored.items() if np.isfinite(value)})
+
+
+def _arguments(names: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Dense depth of photographs with known truth, beside OpenCV's.")
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"one of {', '.join(names)} (default: all)")
-    parser.add_argument("--full", action="store_true", help="OpenCV at twice the scale too; store the figures")
+    parser.add_argument(
+        "--full", action="store_true", help="OpenCV at twice the scale, our own calibration and memory too; store"
+    )
+    parser.add_argument("--peak", choices=("ours", *PEERS), help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if unknown := set(chosen.scenes) - set(names):
         parser.error(f"no scene {', '.join(sorted(unknown))}; there are {', '.join(names)}")
-    scales = (1, 2) if chosen.full else (1,)
-    figures = {}
-    with Progress() as progress:
-        views = {name: scene(name).setup.optic.facets for name in chosen.scenes or names}
-        total = sum(1 + len(scales) * n * (n - 1) for n in views.values())
-        task = progress.add_task("compiling", total=total)
-        warm_up(next(iter(views)))
-        for name in views:
-            figures[name] = measured(name, scales, lambda what, n: progress.update(task, description=what, advance=n))
-            progress.console.print(f"{name}: {figures[name]['seconds']:.1f} s")
-    report(figures, scales)
-    if chosen.scenes or not chosen.full:
-        print("not stored: that takes all scenes, and --full")
-        return
-    write("dense", {f"{name}_{key}": value for name, row in figures.items() for key, value in row.items()})
+    return chosen
 
 
-def _median(depths):
-    """Median (N,) over the last axis of (N, V), NaN where there is none."""
-    some = np.isfinite(depths).any(-1)
-    return np.where(some, np.nanmedian(np.where(some[:, None], depths, 0.0), axis=-1), np.nan)
-
-
-def _table(title, columns, keys, figures):
-    table(title, ["", *columns], [[name, *(row[key] for key in keys)] for name, row in figures.items()])
+def _over(ours, theirs):
+    return ours / theirs if theirs > 0 else float("nan")
 
 
 if __name__ == "__main__":

@@ -15,9 +15,6 @@ what does not grow makes it smaller. With --quick the photographs are smaller, a
 
 import argparse
 import json
-import os
-import resource
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
@@ -27,6 +24,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from benchmarks import timing
 from benchmarks.data import ROOT
 from benchmarks.dense_real import FOCAL, side_by_side
 from benchmarks.results import table, write
@@ -114,7 +112,7 @@ def measure(case: Case) -> dict[str, float]:
     small = scene(replace(case, megapixels=0.01 * case.views))
     reconstruct(*small[:2], depths)
     photograph, rig, truth = scene(case)
-    before, taken = _peak_mib(), []
+    before, taken = timing.peak_mib(), []
     while len(taken) < REPEATS and sum(clock for clock, _ in taken) < ENOUGH:
         start = time.perf_counter(), time.process_time()
         found = reconstruct(photograph, rig, depths)
@@ -123,25 +121,15 @@ def measure(case: Case) -> dict[str, float]:
     return {
         "seconds": float(np.median([clock for clock, _ in taken])),
         "processor_seconds": float(np.median([processor for _, processor in taken])),
-        "mib": _peak_mib() - before,
+        "mib": timing.peak_mib() - before,
         "complete_percent": float(100 * np.isfinite(found.depth).sum() / np.isfinite(truth).sum()),
         "median_px": float(np.nanmedian(error)),
     }
 
 
-def _peak_mib():
-    """Largest memory that this process has held, MiB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
 def apart(case: Case) -> dict[str, float]:
     """The same in a process of its own."""
-    threads = {"NUMBA_NUM_THREADS": str(case.threads), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    words = [sys.executable, "-m", "benchmarks.dense_scaling", "--one", json.dumps(asdict(case))]
-    done = subprocess.run(words, cwd=ROOT, env={**os.environ, **threads}, capture_output=True, text=True)
-    if done.returncode:
-        raise RuntimeError(f"{case} failed:\n{done.stderr}")
-    return json.loads(done.stdout.splitlines()[-1])
+    return timing.apart("dense_scaling", ["--one", json.dumps(asdict(case))], case.threads)
 
 
 def exponent(x: Sequence[float], y: Sequence[float]) -> float:

@@ -30,9 +30,9 @@ class Coloured(NamedTuple):
 
     photograph: np.ndarray  # (H, W) of one channel, or (H, W, 3) brought together where the channels are known
     rig: Rig  # of that channel, or of green
-    channels: tuple[Rig, ...]  # of red, green and blue; of the one channel or of all alike: one rig
+    channels: tuple[Rig, ...] | None  # of red, green and blue, where each has its own; else `rig` serves all
     depths: tuple[float, float]  # mm, to search
-    note: str  # what was done; empty where nothing was
+    note: str  # what was done with the colours; empty where nothing was
     warnings: list[str]
 
 
@@ -62,7 +62,8 @@ def chosen_colours(
         return _plain(photograph, setups[0], depths)
     if channel != "all":
         number = COLOURS.index(channel)
-        return _plain(np.ascontiguousarray(photograph[..., number]), _of_channel(setups, number), depths)
+        one = _plain(np.ascontiguousarray(photograph[..., number]), _of_channel(setups, number), depths)
+        return one._replace(note=f"{channel} alone")
     if len(setups) == 3 or knows_channels(setups[0]):
         return _brought_together(photograph, setups, depths)
     plain = _plain(photograph, setups[0], depths)
@@ -73,7 +74,7 @@ def chosen_colours(
 
 def _plain(photograph, setup, depths):
     rig = setup.rig()
-    return Coloured(photograph, rig, (rig,), depths or setup.depths or rig.working_depths, "", [])
+    return Coloured(photograph, rig, None, depths or setup.depths or rig.working_depths, "", [])
 
 
 def _of_channel(setups, number):
@@ -85,11 +86,13 @@ def _of_channel(setups, number):
 
 def _brought_together(photograph, setups, depths):
     rigs = channel_rigs(setups if len(setups) == 3 else setups[0], depths)
+    if rigs[0] is rigs[1]:  # mirrors
+        return _plain(photograph, setups[1], depths)
     depths = depths or setups[len(setups) // 2].depths or rigs[1].working_depths
     middle = middle_inverse_depth(depths)
     expected = expected_shifts(rigs, middle)
     red, _, blue = np.linalg.norm(expected, axis=-1).max(0)
-    note = f"colours: red is brought to green by up to {red:.1f} px, blue by up to {blue:.1f} px"
+    note = f"red is brought to green by up to {red:.1f} px, blue by up to {blue:.1f} px"
     missed = np.linalg.norm(channel_shifts(photograph, rigs[1]).shifts - expected, axis=-1)
     warnings = []
     if np.nanmax(missed) > _APART:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,7 @@ from ..files.meshes import write_mesh
 from ..geometry import as_rgb
 from .colours import chosen_colours, read_setups
 from .console import console, progress_bars, save_figure, use_threads
-from .matchers import chosen_engine
+from .matchers import OURS, chosen_engine
 
 if TYPE_CHECKING:
     from ..pipeline import Reconstruction
@@ -55,18 +56,21 @@ def run_reconstruction(
     if mesh and mesh_step < 1:
         raise SetupError(f"--mesh-step must be 1 px or more, got {mesh_step}")
     engine = chosen_engine(matcher, scale, step, memory_mib)
+    settings = engine.settings
     setup_files = [setup_file] if isinstance(setup_file, Path) else list(setup_file)
     setups = read_setups(setup_files)
     photograph = read_photograph(photo, setups[0].camera.size)
     folder = output_folder(output)
     use_threads(threads)
-    photograph, rig, _, depths, note, warnings = chosen_colours(photo, photograph, setups, channel, depths)
+    photograph, rig, channels, depths, note, warnings = chosen_colours(photo, photograph, setups, channel, depths)
     warnings += check_exposure(photograph, rig.masks)
     for warning in warnings:
         console.print(f"warning: {warning}", style="yellow")
     console.print(f"{photo.name}: {len(rig)} views, searching depths {depths[0]:g} to {depths[1]:g} mm")
     if note:
-        console.print(note)
+        console.print(f"colours: {note}")
+        settings = [("colours", note), *settings]
+    run = engine.run if channels is None or matcher != OURS else partial(engine.run, channels=channels)
     kept: list[Path] = []
 
     def keep(k, depth_map):
@@ -76,10 +80,10 @@ def run_reconstruction(
         kept.append(path)
 
     with progress_bars() as progress:
-        result = engine.run(photograph, rig, depths, progress=progress, keep=keep)
+        result = run(photograph, rig, depths, progress=progress, keep=keep)
     matched = time.perf_counter() - started
     with console.status("writing points, pictures and report"):
-        write_results(folder, photo, setup_files, photograph, result, matched, engine.settings, warnings)
+        write_results(folder, photo, setup_files, photograph, result, matched, settings, warnings)
         mesh_file = mesh and write_surface(folder / f"mesh.{mesh}", photograph, result, mesh_step)
     for path in kept:
         path.unlink(missing_ok=True)

@@ -35,12 +35,13 @@ class _Strip(NamedTuple):
     record: int  # places of a record
     steps: np.ndarray  # (h, w) float32, results
     margin: np.ndarray  # (h, w) float32
+    ridge: np.ndarray  # (h, w) float32
     paths: int  # 4 or 8
     top: int  # first row
     height: int  # rows
 
 
-def search(fill, bands, mask, small, large, *, rows_per_strip=None, paths=8):
+def search(fill, bands, mask, small, large, *, rows_per_strip=None, paths=8, ridge=None):
     """The hypothesis of each pixel that agrees best with its costs and with its neighbours.
 
     The result is the same to the last bit for any number of threads and any height of the strips. With more than one
@@ -63,6 +64,10 @@ def search(fill, bands, mask, small, large, *, rows_per_strip=None, paths=8):
         Rows in memory at once, a multiple of the tile; all by default. See ``strip_bytes``.
     paths : int
         8, or 4: along rows and columns only.
+    ridge : (h, w) float32 array, optional, written
+        How much worse than the best the worst hypothesis between the best and the second best is, in the units of
+        the margin. A second valley as deep as the first has a margin of 0 behind a ridge; within one broad valley
+        the ridge is no higher than the margin.
 
     Returns
     -------
@@ -83,11 +88,12 @@ def search(fill, bands, mask, small, large, *, rows_per_strip=None, paths=8):
     totals = np.empty((1 + (get_num_threads() > 1), max(bands.places(strip) for strip in strips)), np.uint16)
     states, alive = _states(bands, min(rows, height)), np.pad(np.asarray(mask, bool), 1)
     steps, margin = np.full((2, height, width), np.nan, np.float32)
+    ridge = np.empty((height, width), np.float32) if ridge is None else ridge
 
     def work(rows):
         volume, start = _costs(fill, bands, rows), bands.start - bands.start[rows.start // bands.tile, 0]
         layout = (bands.first, bands.count, start, bands.tile, alive, int(small), large, states)
-        return _Strip(volume, totals, *layout, _record(bands), steps, margin, paths, rows.start, rows.stop - rows.start)
+        return _Strip(volume, totals, *layout, _record(bands), steps, margin, ridge, paths, rows.start, rows.stop - rows.start)
 
     above = []
     for rows in strips[:-1]:
@@ -289,7 +295,7 @@ def _choose(strip):
             totals = strip.totals[0, begin : begin + (right - left) * stride]
             if len(strip.totals) == 2:
                 _add(totals, strip.totals[1, begin : begin + (right - left) * stride])
-            results = strip.steps[y, left:right], strip.margin[y, left:right]
+            results = strip.steps[y, left:right], strip.margin[y, left:right], strip.ridge[y, left:right]
             alive = strip.alive[y + 1, left + 1 : right + 1]
             _decide(totals, alive, stride, strip.firsts[ty, tx], count, strip.paths, *results)
 
@@ -301,18 +307,29 @@ def _add(totals, others):
 
 
 @njit(cache=True)
-def _decide(totals, alive, stride, first, count, paths, steps, margin):
-    """The best hypotheses of some pixels, and how far off the second best are."""
+def _highest(totals, place, a, b):
+    """The largest of the sums from hypothesis a to b, in either order."""
+    highest = np.int64(0)
+    for k in range(min(a, b), max(a, b) + 1):
+        highest = max(highest, np.int64(totals[place + k]))
+    return highest
+
+
+@njit(cache=True)
+def _decide(totals, alive, stride, first, count, paths, steps, margin, ridge):
+    """The best hypotheses of some pixels, how far off the second best are, and what lies between."""
     scale = np.float32(1) / np.float32(255 * paths)
     for x in range(alive.size):
         if alive[x]:
             place = x * stride
             best = smallest(totals, place, count, -LANES)
             least, k = best >> 16, best & 65535
-            second = smallest(totals, place, count, k) >> 16
+            following = smallest(totals, place, count, k)
+            second = following >> 16
             fraction = np.float32(0)
             if 0 < k < count - 1:
                 left, right = np.int64(totals[place + k - 1]) - least, np.int64(totals[place + k + 1]) - least
                 fraction = np.float32(0.5) * np.float32(left - right) / np.float32(max(left + right, 1))
             steps[x] = np.float32(first + k) + fraction
             margin[x] = np.float32(second - least) * scale if second < NOTHING else np.float32(np.inf)
+            ridge[x] = np.float32(_highest(totals, place, k, following & 65535) - least) * scale

@@ -32,7 +32,7 @@ def _checked(depth, lines, spacing, half, others, frames, starts, maps, toleranc
             s[x] = depth[y, x] / half - _ONE if depth[y, x] == depth[y, x] else _ZERO
         for k in range(len(others)):
             view = others[k]
-            row_of_polynomials(lines[k * channels, :, :, MARGIN : MARGIN + width], spacing, y, polynomials)
+            row_of_polynomials(lines[k * channels], spacing, y, MARGIN, polynomials)
             for axis in range(2):
                 follow(polynomials[axis * count : (axis + 1) * count], s, places[axis])
             flat = maps[starts[view] : starts[view + 1]]

@@ -115,8 +115,7 @@ def _prepared(own, lines, spacing, stride, y0, x0, rows, places, r, mean, power)
             r[c, j * _WIDE : (j + 1) * _WIDE] = own[c, y0 + j, x0 : x0 + _WIDE]
         for look in range(len(lines)):
             y = max((y0 + j - 1) * stride, 0)
-            left = x0 + MARGIN - 1
-            row_of_polynomials(lines[look, :, :, left : left + _WIDE], spacing, y, places[look, j])
+            row_of_polynomials(lines[look], spacing, y, x0 + MARGIN - 1, places[look, j])
     columns, sums = np.empty(3 * _WIDE, np.float32), np.empty(3 * TILE, np.float32)
     for c in range(own.shape[0]):
         for j in range(rows):
@@ -213,8 +212,7 @@ def _visible(lines, spacing, stride, half, every, others, frames, starts, weight
                 for v in range(len(others)):
                     view = others[v]
                     flat = weights[starts[view] : starts[view + 1]]
-                    left = x0 + MARGIN
-                    row_of_polynomials(lines[v * channels, :, :, left : left + _WIDE], spacing, y * stride, place)
+                    row_of_polynomials(lines[v * channels], spacing, y * stride, x0 + MARGIN, place)
                     for k in range(every + 1):
                         s = np.float32(2 * k) / np.float32(every) - _ONE
                         _look(place, s, frames[view], flat, work, at, seen)

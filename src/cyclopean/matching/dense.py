@@ -3,6 +3,7 @@
 import itertools
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from .aggregation import search, strip_bytes
@@ -15,12 +16,17 @@ from .plans import ALONE, Plan
 from .refinement import refined
 from .surfaces import doubled, median, smooth
 
+_CLEAR = 0.15  # second best, of the ridge before it: less is doubtful, as in repeated texture
+_AROUND, _DOUBT = 9, 0.3  # px of half resolution around a pixel, and their doubtful share that takes its depth away
 _ABOUT = 3  # hypotheses tried on both sides of what the coarser level found
 _SMALL, _LARGE = 8, 120  # penalties for a change of depth between neighbours: by one step, by more
 _EDGE, _LEAST = 12, 30  # grey levels a px of change in the picture that halve _LARGE; its least
 _ALIKE = 1.5  # variance of the depth, because smoothing makes the noise of neighbours alike
 _MAX_SIGMA = 0.6  # steps, 0.3 px: more is a window without texture
 _MIN_SCORE = 0.6  # less is something else
+_BEFORE = 0.4  # steps, standard deviation of the depth from half resolution where there is little texture
+_OWN, _WINDOW = 3, 2.12  # px: what is near a pixel; standard deviation of the last windows
+_SHARE = 0.05  # mean energy of the slopes near a pixel, of that in its window: less is borrowed texture
 _AGREE = 1.0  # steps between maps of two views that agree
 
 
@@ -117,15 +123,15 @@ def checked(plan: Plan, maps) -> list[DepthMap]:
     maps : sequence of DepthMap
         Of each view, its box that of the plan.
     """
-    steps = [(one.inverse_depth - warps.inverse_depths[0]) / warps.step for one, warps in zip(maps, plan.warps)]
+    first, step = np.float32(plan.warps[0].inverse_depths[0]), np.float32(plan.warps[0].step)
     with ALONE:
-        agreed = agreement(plan, [one.astype(np.float32) for one in steps], _AGREE)
+        agreed = agreement(plan, [(one.inverse_depth - first) / step for one in maps], _AGREE)
     return [one.where(good) for one, good in zip(maps, agreed, strict=True)]
 
 
 def _searched(prepared, plan, reference, memory_mib, tick):
-    """Inverse depth in steps of every other pixel, coarse to fine."""
-    steps = None
+    """Inverse depth in steps of every other pixel, coarse to fine; NaN where several depths fit alike."""
+    steps = doubtful = None
     for level in range(len(reference.lines) - 1, 0, -1):
         mask = reference.masks[2**level]
         size, depths = mask.shape[::-1], -(-(reference.depths - 1) // 2**level) + 1
@@ -133,11 +139,21 @@ def _searched(prepared, plan, reference, memory_mib, tick):
             bands = Bands.full(size, depths, TILE, mask)
         else:
             bands = Bands.around(2 * doubled(steps, size), mask, _ABOUT, depths, TILE).rounded()
+            doubtful = doubled(doubtful, size)
         grey = prepared.search[level - 1].own(reference.number)[:, ::2, ::2].mean(0)
         fill = filler(prepared.search, reference, level, bands)
-        steps, _ = search(fill, bands, mask, _SMALL, _penalties(grey), rows_per_strip=_rows(bands, memory_mib))
+        ridge, rows = np.full(mask.shape, np.nan, np.float32), _rows(bands, memory_mib)
+        steps, margin = search(fill, bands, mask, _SMALL, _penalties(grey), rows_per_strip=rows, ridge=ridge)
+        doubtful = _doubtful(margin, ridge, doubtful)
         tick()
-    return 2 * steps
+    return np.where(doubtful > _DOUBT, np.float32(np.nan), 2 * steps)
+
+
+def _doubtful(margin, ridge, before):
+    """Share of the pixels around each, (h, w), for which another depth, behind a ridge, fits as well."""
+    doubt = (margin < _CLEAR * ridge).astype(np.float32)
+    share = cv2.boxFilter(doubt, -1, (_AROUND, _AROUND))
+    return share if before is None else np.maximum(share, before)
 
 
 def _rows(bands, memory_mib):
@@ -146,6 +162,17 @@ def _rows(bands, memory_mib):
     while rows > bands.tile and strip_bytes(bands, rows) > memory_mib * 2**20:
         rows = -(-(rows // 2) // bands.tile) * bands.tile
     return rows
+
+
+def _own_texture(picture):
+    """Pixels (h, w) bool that have texture of their own, not only something in a corner of their window."""
+    energy = np.zeros(picture.shape[1:], np.float32)
+    for plane in picture:
+        for axis in (0, 1):
+            slope = cv2.Scharr(plane, cv2.CV_32F, 1 - axis, axis)
+            energy += slope * slope
+    near, window = cv2.boxFilter(energy, -1, (_OWN, _OWN)), cv2.GaussianBlur(energy, (0, 0), _WINDOW)
+    return near >= _SHARE * window
 
 
 def _penalties(grey):
@@ -174,7 +201,8 @@ def _sharpened(prepared, plan, reference, steps, tick):
     tick()
     sigma *= np.float32(np.sqrt(_ALIKE))
     warps = plan.warps[reference.number]
-    good = (sigma <= _MAX_SIGMA) & (score >= _MIN_SCORE) & warps.reference_mask()
-    good &= (steps >= 0) & (steps <= reference.depths - 1)
+    good = (sigma <= _MAX_SIGMA / np.sqrt(plan.channels)) & (score >= _MIN_SCORE) & warps.reference_mask()
+    good &= (steps >= 0) & (steps <= reference.depths - 1) & _own_texture(smooths[0].own(reference.number))
     inverse = np.float32(warps.inverse_depths[0]) + steps * np.float32(warps.step)
+    sigma = sigma / np.sqrt(1 + (sigma / np.float32(_BEFORE)) ** 2)  # of both, what was known before and the pictures
     return DepthMap(warps.origin, inverse, sigma * np.float32(warps.step), score).where(good)

@@ -6,22 +6,22 @@ from numba import njit, prange
 from .places import FAST, MARGIN, place
 from .surfaces import extremes
 
-RADIUS = 3  # px about a pixel in which other surfaces are looked for
+RADIUS = 2  # px about a pixel in which other surfaces are looked for
 REACH = np.float32(1.5)  # hypotheses: more is another surface
-_SPAN = 4  # px over which the map's slope is taken
+_SPAN = 8  # px over which the maps' slopes are taken, and for which they serve
 _NOISE = np.float32(1)  # variance of a grey level
 _CEILING = np.float32(0.7)  # 1 - ZNCC of views that show something else
 _UNSEEN = np.float32(0.4)  # of what no view sees
-_ONE = np.float32(1)
+_ZERO, _ONE = np.float32(0), np.float32(1)
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def _slopes(lines, spacing, y, x, s, out):
-    """How far the place in another view moves for one pixel across and one down: out (4,)."""
+def _slopes(lines, spacing, y, x, out):
+    """How far the place in another view moves for one pixel across and one down, halfway through the range: out (4,)."""
     for axis in range(2):
-        here = place(lines, spacing, y, x, s, axis)
-        out[axis] = (place(lines, spacing, y, x + _SPAN, s, axis) - here) / np.float32(_SPAN)
-        out[2 + axis] = (place(lines, spacing, y + _SPAN, x, s, axis) - here) / np.float32(_SPAN)
+        here = place(lines, spacing, y, x, _ZERO, axis)
+        out[axis] = (place(lines, spacing, y, x + _SPAN, _ZERO, axis) - here) / np.float32(_SPAN)
+        out[2 + axis] = (place(lines, spacing, y + _SPAN, x, _ZERO, axis) - here) / np.float32(_SPAN)
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -76,12 +76,14 @@ def _chosen(own, depth, low, high, lines, spacing, half, others, frames, starts,
     height, width = depth.shape
     out = depth.copy()
     for y in prange(height):
-        slopes = np.empty((len(lines), 4), np.float32)
+        slopes, block = np.empty((len(lines), 4), np.float32), -1
         for x in range(width):
             if not high[y, x] - low[y, x] > REACH or not depth[y, x] == depth[y, x]:
                 continue
-            for k in range(len(lines)):
-                _slopes(lines[k], spacing, y, x + MARGIN, depth[y, x] / half - _ONE, slopes[k])
+            if x // _SPAN != block:
+                block = x // _SPAN
+                for k in range(len(lines)):
+                    _slopes(lines[k], spacing, y, block * _SPAN + MARGIN, slopes[k])
             least = np.float32(np.inf)
             for candidate in (depth[y, x], low[y, x], high[y, x]):
                 if least < np.inf and abs(candidate - depth[y, x]) <= REACH:

@@ -5,6 +5,7 @@ from numba import njit
 
 BLOCK = 128  # columns worked on together
 MARGIN = 8  # px that windows may reach beyond them on either side
+_NOWHERE = -1e6  # px, where pixels are seen that have no place: rows between them and others lie outside, too
 FAST = {"contract", "reassoc", "nsz", "arcp"}  # no "nnan": NaN has a meaning here
 
 
@@ -15,22 +16,23 @@ def _between(upper, lower, t, out):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def row_of_polynomials(lines, spacing, y, out):
+def row_of_polynomials(lines, spacing, y, left, out):
     """Interpolate between the rows of a lattice.
 
     Parameters
     ----------
-    lines : (Ny, M, w) float32 array
+    lines : (Ny, M, width) float32 array
         M numbers at each column, on every ``spacing``-th row.
-    spacing, y : int
-        Rows between lines; the row wanted.
+    spacing, y, left : int
+        Rows between lines; the row and the first column wanted.
     out : (M, w) float32 array, written
-        The numbers of that row.
+        The numbers of that row, from that column on.
     """
     j = min(y // spacing, lines.shape[0] - 2)
     t = np.float32(y - j * spacing) / np.float32(spacing)
+    right = left + out.shape[1]
     for m in range(lines.shape[1]):
-        _between(lines[j, m], lines[j + 1, m], t, out[m])
+        _between(lines[j, m, left:right], lines[j + 1, m, left:right], t, out[m])
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -77,7 +79,7 @@ def lines_of(warps, stride, channels):
     ((V-1) C, Ny, 2 K, width) float32 array
         The coefficients of x, then of y; maps of one view and its channels lie side by side. There are MARGIN
         columns before the box's first, and room for whole blocks of BLOCK columns and a margin behind; those
-        beyond the box repeat its last.
+        beyond the box repeat its last. What has no place (NaN) lies far outside of all pictures.
     """
     coefficients = warps.coefficients
     count = -(-warps.size[0] // stride)
@@ -87,5 +89,7 @@ def lines_of(warps, stride, channels):
     t = (columns / warps.spacing - cell).astype(np.float32)
     flat = np.moveaxis(coefficients, 3, -1)  # (V-1, C, Ny, 2, K, Nx)
     lines = flat[..., cell] * (1 - t) + flat[..., cell + 1] * t
+    nowhere = np.isnan(lines).any((3, 4), keepdims=True)
+    lines = np.where(nowhere, np.float32(_NOWHERE) * (np.arange(flat.shape[4]) == 0)[:, None], lines)
     lines = np.repeat(lines, channels // lines.shape[1], axis=1)
     return np.ascontiguousarray(lines.reshape(-1, flat.shape[2], 2 * flat.shape[4], width))

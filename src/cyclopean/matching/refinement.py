@@ -20,7 +20,7 @@ _TALL = 128  # rows worked on together
 _SUMS = 10  # w r rr e er ee g gr gg ge
 _FAR = 1e6  # stands for the inverse depth (in steps) of pixels that have none: no neighbour resembles it
 _GAIN = np.float32(100)  # grey levels squared: noise of 1 level, gains within 10 %
-_NOISE = np.float32(0.2)  # least variance of a grey level: 2 / 12 of the rounding, and some
+_NOISE = np.float32(0.06)  # least variance of a grey level: 2 / 12 of the rounding, a little smoothed
 _DROP = np.float32(0.15)  # a view whose likeness is this far below the best view's does not see the point
 _ZERO, _ONE, _TWO, _FOUR, _SIX, _TINY = (np.float32(x) for x in (0, 1, 2, 4, 6, 1e-6))
 
@@ -107,15 +107,15 @@ def _add_near(own, look, depth, middle, weight, reach, sums):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def _near(own, looks, depth, reach, y, row, left, sums):
+def _near(own, looks, depth, reach, y, row, x0, left, sums):
     """Sums of SUB pixels near a jump, of 7 x 7 neighbours by themselves."""
     for m in range(_SUMS):
         sums[m * BLOCK : m * BLOCK + SUB] = 0
-    middle = depth[y, left : left + SUB]
+    middle = depth[y, x0 + left : x0 + left + SUB]
     for j in range(-3, 4):
         weight = np.float32((4 - abs(j)) / 4)
         at = left - 3
-        _add_near(own[y + j, at:], looks[row + j, at:], depth[y + j, at:], middle, weight, reach, sums)
+        _add_near(own[y + j, x0 + at :], looks[row + j, at:], depth[y + j, x0 + at :], middle, weight, reach, sums)
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -206,8 +206,8 @@ def _looks(own, depth, lines, spacing, stride, half, others, frames, starts, spl
             view, c = others[k // channels], k % channels
             part = slice(starts[view], starts[view + 1])
             mine, out = own[c, y, x0 : x0 + WIDE], looks[k, row]
-            slab, spline = lines[k, :, :, x0 : x0 + WIDE], splines[c, part]
-            look(slab, spacing, line, s, known, half, frames[view], spline, weights[part], mine, room, out)
+            spline = splines[c, part]
+            look(lines[k], spacing, line, x0, s, known, half, frames[view], spline, weights[part], mine, room, out)
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -281,7 +281,7 @@ def improve(
     across = (width + BLOCK - 1) // BLOCK
     for tile in prange(across * ((height + _TALL - 1) // _TALL)):
         y0, x0 = (tile // across) * _TALL, (tile % across) * BLOCK
-        tall, top, wide = min(_TALL, height - y0) + 2 * radius, y0 + MARGIN - radius, slice(x0, x0 + WIDE)
+        tall, top = min(_TALL, height - y0) + 2 * radius, y0 + MARGIN - radius
         if not np.any(depth[y0 + MARGIN : y0 + tall - 2 * radius + MARGIN, x0 + MARGIN : x0 + MARGIN + BLOCK] < _FAR):
             result[:, y0 : y0 + tall - 2 * radius, x0 : x0 + BLOCK] = np.nan
             continue
@@ -295,15 +295,15 @@ def improve(
             row = n - 2 * radius  # of the result that the windows are complete for
             y = y0 + row + MARGIN
             for k in range(many):
-                mine = own[k % channels, :, wide]
-                _advance(mine[top + n], looks[k, n], scale, passes, n, rows[k], lined[0], lined[1])
+                mine = own[k % channels]
+                _advance(mine[top + n, x0 : x0 + WIDE], looks[k, n], scale, passes, n, rows[k], lined[0], lined[1])
                 if row < 0:
                     continue
                 _gather(lined[0], sums)
                 for sub in range(BLOCK // SUB):
                     if jumps[y0 + row, x0 // SUB + sub]:
                         left = MARGIN + sub * SUB
-                        _near(mine, looks[k], depth[:, wide], reach, y, row + radius, left, sums[sub * SUB :])
+                        _near(mine, looks[k], depth, reach, y, row + radius, x0, left, sums[sub * SUB :])
                 _without_gain(sums, pairs[k])
                 for x in range(BLOCK):
                     usable[k, x] = _ONE if looks[k, row + radius, MARGIN + x] > 0 else _ZERO

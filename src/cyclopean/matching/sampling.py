@@ -113,15 +113,15 @@ def workspace(coefficients):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def look(lines, spacing, y, s, known, half, frame, spline, weights, own, room, out):
+def look(lines, spacing, y, left, s, known, half, frame, spline, weights, own, room, out):
     """Compare one row of the reference with what another view shows at each pixel's own hypothesis.
 
     Parameters
     ----------
-    lines : (Ny, 2 K, WIDE) float32 array
+    lines : (Ny, 2 K, width) float32 array
         Polynomials of the places.
-    spacing, y : int
-        Rows of the photograph between lines; the row wanted.
+    spacing, y, left : int
+        Rows of the photograph between lines; the row and the first column wanted.
     s, known : (WIDE,) float32 arrays
         Hypotheses scaled to -1..1; 1 where they are known, else 0.
     half : float
@@ -139,7 +139,7 @@ def look(lines, spacing, y, s, known, half, frame, spline, weights, own, room, o
     """
     polynomials, uv, cells, parts, splines, tap, value = room
     count = lines.shape[1] // 2
-    row_of_polynomials(lines, spacing, y, polynomials)
+    row_of_polynomials(lines, spacing, y, left, polynomials)
     for axis in range(2):
         first = axis * count
         _last(polynomials[first + count - 1], uv[axis])

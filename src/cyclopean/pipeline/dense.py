@@ -15,7 +15,8 @@ from .reconstruction import Reconstruction, assemble
 
 Progress = Callable[[str, int, int], None]  # what is being done, steps done, steps in all
 
-_PLANS: WeakKeyDictionary[Rig, dict[tuple, Plan]] = WeakKeyDictionary()  # the last one of each rig
+# the last plan of each rig, by depths, step and channels; with the rigs of the channels, whose ids are in the key
+_PLANS: WeakKeyDictionary[Rig, dict[tuple, tuple[Plan, list[Rig]]]] = WeakKeyDictionary()
 
 
 def reconstruct(
@@ -41,7 +42,7 @@ def reconstruct(
         Nearest and farthest depth to search; the rig's working depths where not given.
     channels : sequence of three Rigs, optional
         The rigs of red, green and blue (`rectification.channel_rigs`) that the photograph is `compensated` for at
-        the middle of the depths; each colour is matched along its own rays. `rig` is that of green then.
+        the middle of the depths; each colour is matched along its own rays. `rig` must be that of green then.
     step : float
         Movement between two depth hypotheses in the most sensitive view, px.
     memory_mib : float
@@ -51,8 +52,26 @@ def reconstruct(
     keep : callable, optional
         Given (number of the view, depth map) as soon as each view is matched, so that an interrupted run
         loses nothing.
+
+    Returns
+    -------
+    Reconstruction
+        In colours of the photograph as it is given.
+
+    Raises
+    ------
+    ImageError
+        When the photograph is not of the rig's size, or has no colours where `channels` are given.
+    SetupError
+        When the rigs of the channels are not those of one photograph, or an option is out of range.
+    OpticError
+        When the rig has but one view.
     """
     photograph = as_photograph(photograph, rig)
+    if channels is not None and photograph.shape[2:] != (len(channels),):
+        raise ImageError(
+            f"{len(channels)} channels want a photograph of as many colours, got one of shape {photograph.shape}"
+        )
     if not 64 <= memory_mib < float("inf"):
         raise SetupError(f"matching needs at least 64 MiB of memory, got {memory_mib}; 1024 is usual")
     depths = rig.check_depths(depths or rig.working_depths)
@@ -85,6 +104,8 @@ def plan_of(
     if len(rig) < 2:
         raise OpticError(f"depth needs at least two views, but this setup gives {len(rig)}")
     rigs = check_channels(channels or rig)
+    if rigs[len(rigs) // 2] is not rig:
+        raise SetupError("of rigs for red, green and blue, rig must be that of green: rig=channels[1]")
     key = (*map(float, depths), float(step), *map(id, rigs))
     kept = _PLANS.get(rig, {})
     if key not in kept:
@@ -94,9 +115,9 @@ def plan_of(
             warps.append(sweep(rigs, k, hypotheses))
             if progress is not None:
                 progress(k + 1, len(rig))
-        kept = {key: plan(warps)}
+        kept = {key: (plan(warps), [one for one in rigs if one is not rig])}
         _PLANS[rig] = kept
-    return kept[key]
+    return kept[key][0]
 
 
 def as_photograph(photograph: np.ndarray, rig: Rig) -> np.ndarray:

@@ -84,7 +84,8 @@ def sweep(
     stands for those between, and pixels between lattice points are to be interpolated. Degree and spacing of
     the lattice are the coarsest that keep the largest error, found by exact projection in the middles of cells
     and between the depths, below the tolerance. Lattice points beyond a seam are taken from the surfaces
-    without end, so that maps stay smooth there; the masks say which pixels count.
+    without end, so that maps stay smooth there; the masks say which pixels count. Where a lattice point has no place
+    at some depths, the polynomial goes through the others; it is NaN where too few are left.
 
     Parameters
     ----------
@@ -139,8 +140,25 @@ def _fitted(exact, box, inverse, spacing, degree, masks):
     s = np.cos(np.pi * (np.arange(degree, -1, -1) + 0.5) / (degree + 1))
     found = exact(np.stack(np.meshgrid(columns, rows), -1), _at(inverse, s))
     powers = np.linalg.inv(np.vander(s, increasing=True))
-    coefficients = np.einsum("kd,vdcijx->vcijxk", powers, found, optimize=True).astype(np.float32)
-    return Warps((x, y), (width, height), inverse, spacing, coefficients, masks)
+    coefficients = np.einsum("kd,vdcijx->vcijxk", powers, found, optimize=True)
+    if np.isnan(coefficients).any():
+        _fit_what_there_is(exact, np.stack(np.meshgrid(columns, rows), -1), inverse, coefficients)
+    return Warps((x, y), (width, height), inverse, spacing, coefficients.astype(np.float32), masks)
+
+
+def _fit_what_there_is(exact, grid, inverse, coefficients):
+    """Fit polynomials to the places that nodes have at some depths only: behind a mirror, say, there are none."""
+    count = coefficients.shape[-1]
+    s = np.cos(np.pi * (np.arange(4 * count) + 0.5) / (4 * count))
+    found = np.moveaxis(exact(grid, _at(inverse, s)), 1, -1)
+    there = np.isfinite(found).all(-2)
+    chosen = np.isnan(coefficients).any((-2, -1)) & (there.sum(-1) >= count)
+    kinds, kind_of = np.unique(there[chosen], axis=0, return_inverse=True)
+    values, fitted = found[chosen], coefficients[chosen]
+    for k, kind in enumerate(kinds):
+        solve = np.linalg.pinv(np.vander(s[kind], count, increasing=True))
+        fitted[kind_of == k] = values[kind_of == k][..., kind] @ solve.T
+    coefficients[chosen] = fitted
 
 
 def _at(inverse, s):
@@ -163,6 +181,7 @@ def _error(exact, warps, near, offset):
     if offset:
         found = (found[..., 1:, 1:, :] + found[..., 1:, :-1, :] + found[..., :-1, 1:, :] + found[..., :-1, :-1, :]) / 4
     counts = np.stack([_inside(mask, true[k]) for k, mask in enumerate(near[1:])]) & _inside(near[0], grid)
+    counts &= np.isfinite(found).all(-1)  # maps that lack a node say so
     return float(np.max(np.linalg.norm(true - found, axis=-1), where=counts, initial=0.0))
 
 
