@@ -63,7 +63,7 @@ from benchmarks.dense_truth import (
     seen_by,
 )
 from benchmarks.results import write
-from benchmarks.timing import apart, median_seconds, peak_mib
+from benchmarks.timing import apart, few_threads, held_mib, median_seconds, peak_mib
 from cyclopean import Camera, Rig, Setup, reconstruct
 from cyclopean.matching import match
 from cyclopean.pipeline import plan_of
@@ -133,11 +133,11 @@ def our_seconds(name: str, truth: Scene) -> dict[str, float]:
 
 def peak(name: str, who: str) -> dict[str, float]:
     """Memory (MiB) that matching takes, and the whole job, beyond what this process holds before."""
-    few_threads()
+    few_threads(THREADS)
     warm_up(name)
     truth = row_scene(name)
     photograph, rig, channels = prepared(name, truth, truth.setup)
-    before = peak_mib()
+    before = held_mib()
     if who in PEERS:
         match_all(PEERS[who], photograph, rectified(rig, truth, PEERS[who].scale))
         return {"match_mib": peak_mib() - before}
@@ -213,12 +213,6 @@ def ratios(figures: dict[str, float]) -> dict[str, float]:
     return found
 
 
-def few_threads() -> None:
-    """Give numba and OpenCV as many threads as the table states."""
-    numba.set_num_threads(min(THREADS, numba.config.NUMBA_NUM_THREADS))
-    cv2.setNumThreads(THREADS)
-
-
 def warm_up(name: str) -> None:
     """Compile everything, on a small copy of a scene."""
     truth = row_scene(name)
@@ -235,7 +229,7 @@ def main() -> None:
     if chosen.peak:
         print(json.dumps(peak(chosen.scenes[0], chosen.peak)))
         return
-    few_threads()
+    few_threads(THREADS)
     figures, peers = {}, [peer for peer in PEERS.values() if chosen.full or peer.scale == 1]
     with Progress() as progress:
         views = {name: row_scene(name).setup.optic.facets for name in chosen.scenes or names}

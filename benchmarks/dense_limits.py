@@ -4,19 +4,20 @@
 
 First the limits, by small kernels in one thread: reading two large arrays and writing a third (McCalpin's STREAM
 triad, 1995), 16-bit additions and minima, and 32-bit multiply-adds, all in registers, and looking up single numbers
-in a table that lies in the cache. Then each stage of the matcher alone, on random pictures.
+in a table that lies in the cache. Then each stage of the matcher alone, in one thread, on the photograph of
+`dense_scaling.py` with two views; for jumps in depth its true map has stripes added that lie some hypotheses nearer.
 
 Bytes are those that must pass between a kernel and its arrays when each is read or written once: neighbours that lie
 in the cache are free. Operations are counted in the text of the kernels, a multiplication or an addition or a minimum
-as one. Both are per item; what an item is stands beside. A stage with a high share of one limit has little to gain
-but by doing less work; one with low shares of all waits for something else, such as lookups or short loops.
+as one; so are lookups, numbers that are read at places that were computed. All are per item; what an item is stands
+beside. A stage with a high share of one limit has little to gain but by doing less work; one with low shares of all
+waits for something else, such as lookups or short loops.
 
 Run it on an idle machine, with --store to keep the figures.
 """
 
 import argparse
 import os
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -25,14 +26,30 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # all limits are those of one c
 import numpy as np
 from numba import njit
 
+from benchmarks.dense_real import FOCAL
+from benchmarks.dense_scaling import LEAST_DISPARITY, Case, scene
 from benchmarks.results import table, write
+from benchmarks.timing import median_times
+from cyclopean.matching import Plan
+from cyclopean.matching.aggregation import search
+from cyclopean.matching.agreement import agreement
+from cyclopean.matching.bands import Bands
+from cyclopean.matching.cost import TILE, filler
+from cyclopean.matching.jumps import RADIUS, REACH, placed
+from cyclopean.matching.pictures import Prepared, prepare
+from cyclopean.matching.places import BLOCK, MARGIN
+from cyclopean.matching.refinement import _TALL, SUB, refined
+from cyclopean.matching.sampling import WIDE, look, workspace
+from cyclopean.matching.surfaces import extremes
+from cyclopean.pipeline import plan_of
 
 REPEATS = 5
 LARGE = 1 << 24  # float32 numbers: 64 MiB, beyond the share of a core in most caches
 NEAR = 2048  # numbers that stay in the first-level cache
 ROUNDS = 400
 CHAIN = 16  # steps on each number while it is in a register
-SIZE, VIEWS, CHANNELS, DEPTHS = (640, 480), 2, 3, 64  # of the pictures for the stages
+CASE = Case(megapixels=0.6, views=2)  # the photograph for the stages
+STRIPE, NEARER = 16, 3.0  # px, hypotheses: the jumps
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +62,22 @@ class Stage:
     run: Callable[[], object]
     bytes: float  # each item
     operations: float  # each item
-    kind: str  # of the operations: int16 or float32
+    lookups: float = 0.0  # each item
+    kind: str = "float32"  # of the operations: int16 or float32
+
+
+@dataclass(frozen=True, eq=False)
+class Ready:
+    """A photograph and its plan, with the true map of its first view."""
+
+    plan: Plan
+    pictures: Prepared
+    depth: np.ndarray  # (h, w) float32, inverse depth in hypotheses
+
+    @property
+    def order(self) -> int:
+        """Coefficients of the polynomials that say where a pixel is seen."""
+        return self.plan.warps[0].coefficients.shape[-1]
 
 
 @njit(fastmath=True)
@@ -100,99 +132,149 @@ def limits() -> dict[str, float]:
 def seconds(run: Callable[[], object]) -> float:
     """Median of the processor time of repeats, after one that compiles; other programs disturb that least."""
     run()
-    taken = []
-    for _ in range(REPEATS):
-        start = time.process_time()
-        run()
-        taken.append(time.process_time() - start)
-    return float(np.median(taken))
+    return median_times(run, REPEATS)[1]
+
+
+def ready() -> Ready:
+    """The photograph for the stages."""
+    photograph, rig, truth = scene(CASE)
+    plan = plan_of(rig, (FOCAL / (LEAST_DISPARITY + CASE.disparities), FOCAL / LEAST_DISPARITY))
+    x, y, width, height = rig[0].region.box
+    warps = plan.warps[0]
+    depth = (truth[y : y + height, x : x + width] / FOCAL - warps.inverse_depths[0]) / warps.step
+    return Ready(plan, prepare(photograph, plan), depth.astype(np.float32))
 
 
 def stages() -> list[Stage]:
     """All stages of the matcher."""
-    return [*cost_stages(), *aggregation_stages(), *refinement_stages()]
+    given = ready()
+    return [*search_stages(given), look_stage(given), *refinement_stages(given), jump_stage(given),
+            agreement_stage(given)]  # fmt: skip
 
 
-def cost_stages() -> list[Stage]:
-    """From pictures to one cost for each pixel and hypothesis."""
-    from cyclopean.matching import cost
-    from cyclopean.matching.views import look
+def search_stages(given: Ready) -> list[Stage]:
+    """From pictures at half the resolution to one hypothesis for each pixel.
 
-    (width, height), reach, radius = SIZE, cost.REACH, cost._RADIUS
-    rng = np.random.default_rng(1)
-    image = rng.uniform(0, 255, (height, width, CHANNELS)).astype(np.float32)
-    mask = np.ones((height, width), bool)
-    nodes = np.stack(np.meshgrid(np.arange(0, width + 8, 8), np.arange(0, height + 8, 8)), -1).astype(np.float32) + 3.3
-    wide = -(-width // cost.N) * cost.N + 2 * reach
-    warped = np.zeros((CHANNELS, height, wide), np.float32)
-    reference, seen = rng.uniform(0, 255, warped.shape).astype(np.float32), np.zeros((height, wide), np.float32)
-    costs = rng.uniform(0, 1, (VIEWS, height, width)).astype(np.float32)
-    planes = rng.integers(0, 255, (DEPTHS, height, width)).astype(np.uint8)
-    pixels, rows = width * height, 2 * radius + 1
-    one, item = 4 * CHANNELS, "pixel, hypothesis, view"
-    likeness = CHANNELS * (24 * rows + 14) + 5
-    return [
-        Stage("look into a view", item, pixels,
-              lambda: look(image, mask, nodes, 8, 0, mask, reach, warped, seen), 2 * one + 4, 8 + 9 * CHANNELS,
-              "float32"),
-        Stage("likeness of windows", item, pixels,
-              lambda: cost.dissimilarity(reference, warped, seen, radius, 1.0, width), 2 * one + 8, likeness,
-              "float32"),
-        Stage("fuse views", item, pixels * VIEWS, lambda: cost.fuse(costs, 0.7), 4 + 1 / VIEWS, 4, "float32"),
-        Stage("turn the volume", "pixel, hypothesis", pixels * DEPTHS, lambda: cost.hypotheses_last(planes), 2, 0,
-              "float32"),
-    ]  # fmt: skip
+    Costs: 4 for each further coefficient of a place, 12 to find its nearest pixel, both for margins too; sums down 15
+    and across 9; 17 for the correlation, 7 to make it a byte. Written once; pictures serve all hypotheses.
 
-
-def aggregation_stages() -> list[Stage]:
-    """From costs to one hypothesis for each pixel.
-
-    On each path a hypothesis wants two minima and an addition for its neighbours, one minimum for a jump, one
-    subtraction, two additions of cost and sum, one minimum for the next pixel. The sums of half of the paths are
-    written once, and read and judged after the other half.
+    Paths: on each a hypothesis wants two minima and an addition for its neighbours, one minimum for a jump, one
+    subtraction, two additions of cost and sum, one minimum for the next pixel. Both sweeps read the costs; the first
+    writes the sums, the second reads and writes them, and they are read once more to be judged.
     """
-    from cyclopean.matching.aggregation import search
-    from cyclopean.matching.bands import Bands
-
-    width, height = SIZE
-    bands = Bands.full(SIZE, DEPTHS)
-    whole = np.random.default_rng(2).integers(0, 255, bands.places(slice(0, height))).astype(np.uint8)
-    mask, large = np.ones((height, width), bool), np.full((height, width), 120, np.uint16)
+    reference = given.plan.references[0]
+    height, width = reference.masks[2].shape
+    depths = (reference.depths - 1) // 2 + 1
+    bands, rows = Bands.full((width, height), depths, TILE), slice(0, height)
+    fill, mask = filler(given.pictures.search, reference, 1, bands), np.ones((height, width), bool)
+    volume, large = fill(rows), np.full((height, width), 120, np.uint16)
+    margin, pixels = (1 + 2 / TILE) ** 2, width * height * depths
+    operations = margin * (4 * (given.order - 1) + 12) + (1 + 2 / TILE) * 15 + 9 + 17 + 7
     return [
-        Stage(f"aggregate, {paths} paths", "pixel, hypothesis", width * height * DEPTHS,
-              lambda paths=paths: search(lambda rows: whole, bands, mask, 8, large, paths=paths), 6, 8 * paths + 1,
-              "int16")
-        for paths in (4, 8)
+        Stage("costs", "pixel, depth, view", pixels, lambda: fill(rows), 1 + 20 / depths, operations, margin),
+        *(
+            Stage(f"aggregate, {paths} paths", "pixel, depth", pixels,
+                  lambda paths=paths: search(lambda rows: volume, bands, mask, 8, large, paths=paths), 10,
+                  8 * paths + 1, kind="int16")
+            for paths in (4, 8)
+        ),
     ]  # fmt: skip
 
 
-def refinement_stages() -> list[Stage]:
-    """From hypotheses to fractions of them."""
-    from cyclopean.matching import refinement
-    from cyclopean.matching.views import sample
+@njit
+def _look_rows(lines, spacing, s, known, half, frame, spline, weights, own, out):
+    room = workspace(lines.shape[1])
+    for y in range(own.shape[0]):
+        for left in range(0, own.shape[1] - WIDE + 1, WIDE):
+            part = slice(left, left + WIDE)
+            mine, to = own[y, part], out[y, 3 * left :]
+            look(lines, spacing, y, left, s[y, part], known, half, frame, spline, weights, mine, room, to)
 
-    width, height = SIZE[0], SIZE[1] // 2
-    radius, rng = refinement._RADIUS, np.random.default_rng(3)
-    spline = rng.uniform(0, 255, (height, width, CHANNELS)).astype(np.float32)
-    mask, guess = np.ones((height, width), bool), rng.uniform(1, 2, (height, width)).astype(np.float32)
-    grid = np.stack(np.meshgrid(np.arange(0, width + 8, 8), np.arange(0, height + 8, 8)), -1).astype(np.float32)
-    nodes = np.stack([grid + shift for shift in (0.3, 0.8, 1.3, 1.8)])
-    padded = height + 2 * radius, -(-width // refinement.N) * refinement.N + 2 * radius
-    values, slopes = np.zeros((2, VIEWS, CHANNELS, *padded), np.float32)
-    reference = rng.uniform(0, 255, (CHANNELS, *padded)).astype(np.float32)
-    seen, depth = np.ones((VIEWS, *padded), np.float32), np.ones(padded, np.float32)
-    window = refinement._window()
-    taps = np.count_nonzero(window)
-    numbers = [np.float32(n) for n in (1, 100, 100, 0.2, 0.15)]
-    pixels = width * height
+
+def look_operations(given: Ready) -> float:
+    """Of comparing one pixel with a view: its place, the weights of 4 x 4 pixels, their sums, slopes, differences."""
+    return 6 * given.order + 8 * (given.order - 1) + 10 + 58 + 4 + 80 + 8 + 8
+
+
+def look_stage(given: Ready) -> Stage:
+    """What the other view shows at each pixel's own inverse depth: value and slope of a cubic B-spline."""
+    reference, splines = given.plan.references[0], given.pictures.splines[0]
+    height, width = given.depth.shape
+    whole = width // WIDE * WIDE
+    lines = np.ascontiguousarray(reference.lines[1][0, :, :, MARGIN : MARGIN + whole])
+    own = np.ascontiguousarray(given.pictures.smooth[0].own(0)[0, :, :whole])
+    s = given.depth[:, :whole] / reference.half(1) - np.float32(1)
+    frames, starts, values = splines.arrays
+    part = slice(starts[1], starts[2])
+    known, out = np.ones(WIDE, np.float32), np.empty((height, 3 * whole), np.float32)
+    numbers = lines, reference.spacing, s, known, reference.half(1), frames[1]
+    return Stage("look", "pixel, view", height * whole,
+                 lambda: _look_rows(*numbers, values[0, part], splines.layout.weights[part], own, out),
+                 4 * 7 + 8 * given.order / reference.spacing, look_operations(given), 17)  # fmt: skip
+
+
+def refinement_stages(given: Ready) -> list[Stage]:
+    """From hypotheses to fractions of them, where the depth is smooth, and with jumps everywhere.
+
+    Products 12, sums of ten of them down 30 + 60 and across 30 + 60, gain and offset 34, solution and result 41;
+    margins are computed too. Near a jump 29 for each of 49 neighbours.
+    """
+    reference, pictures = given.plan.references[0], given.pictures
+    tall, wide = 1 + 10 / _TALL, WIDE / BLOCK
+    smooth = tall * wide * (look_operations(given) + 12 + 30) + wide * 150 + 34 + 41
+    passed = 4 * 7 + 8 * given.order / reference.spacing
+
+    def run(depth):
+        return lambda: refined(
+            pictures.smooth[0], pictures.splines[0], reference, depth, passes=3, reach=1.5, prior=0.2
+        )
+
+    shape = given.depth.size
     return [
-        Stage("sample a view", "pixel, view, round", pixels,
-              lambda: sample(spline, mask, nodes, 8, 0, guess, radius, values[0], slopes[0], seen[0]),
-              12 * CHANNELS + 8, 70 + 16 * (5 + 4 * CHANNELS), "float32"),
-        Stage("fit planes", "pixel, view, round", pixels * VIEWS,
-              lambda: refinement.improve(reference, values, slopes, seen, depth, window, *numbers),
-              8 * CHANNELS + 4 + (4 * CHANNELS + 4) / VIEWS, CHANNELS * (55 * taps + 110) + 60, "float32"),
+        Stage("refine", "pixel, view", shape, run(given.depth), passed, smooth, 17 * tall * wide),
+        Stage("refine, jumps everywhere", "pixel, view", shape, run(striped(given.depth, SUB // 2)), passed,
+              smooth + 49 * 29, 17 * tall * wide),
     ]  # fmt: skip
+
+
+def jump_stage(given: Ready) -> Stage:
+    """The choice between the surfaces at a jump: two of them, 9 pixels each, 27 for each and 18 for their likeness."""
+    reference, depth = given.plan.references[0], striped(given.depth, STRIPE)
+    low, high = extremes(depth, RADIUS)
+    near = np.count_nonzero(high - low > REACH)
+    operations = 4 * given.order + 2 * (10 * given.order + 9 * 27 + 18)
+    return Stage("choose at jumps", "pixel, view", near,
+                 lambda: placed(given.pictures.smooth[0], reference, depth), 4 * 7, operations, 2 * 9 * 5)  # fmt: skip
+
+
+def agreement_stage(given: Ready) -> Stage:
+    """Whether maps agree: the place of a pixel, and 20 to look it up and compare."""
+    both = [given.depth, given.depth]
+    operations = 6 * given.order + 4 * (given.order - 1) + 20
+    bytes_each = 4 + 4 + 1 + 8 * given.order / given.plan.references[0].spacing
+    return Stage("agreement", "pixel, view", 2 * given.depth.size, lambda: agreement(given.plan, both, 1.0), bytes_each,
+                 operations, 1)  # fmt: skip
+
+
+def striped(depth: np.ndarray, width: int) -> np.ndarray:
+    """A map (h, w) with every other stripe of some px nearer."""
+    stripes = np.arange(depth.shape[1]) // width % 2
+    return depth + np.float32(NEARER) * stripes.astype(np.float32)
+
+
+def beside(stage: Stage, taken: float, limit: dict[str, float]) -> dict[str, float]:
+    """Figures of a stage that took some seconds, as shares of the limits."""
+    rate = stage.items / taken / 1e9
+    return {
+        "bytes": stage.bytes,
+        "operations": float(stage.operations),
+        "lookups": stage.lookups,
+        "million_per_s": 1e3 * rate,
+        "nanoseconds": 1 / rate,
+        "bandwidth_percent": 100 * rate * stage.bytes / limit["triad_gigabytes_per_s"],
+        "arithmetic_percent": 100 * rate * stage.operations / limit[f"{stage.kind}_gigaops_per_s"],
+        "lookups_percent": 100 * rate * stage.lookups / limit["lookups_giga_per_s"],
+    }
 
 
 def main() -> None:
@@ -206,19 +288,11 @@ def main() -> None:
           [[key.split("_")[0], value, units[key.split("_")[1]]] for key, value in figures.items()])  # fmt: skip
     rows = []
     for stage in stages():
-        rate = stage.items / seconds(stage.run) / 1e9
-        bandwidth = 100 * rate * stage.bytes / figures["triad_gigabytes_per_s"]
-        arithmetic = 100 * rate * stage.operations / figures[f"{stage.kind}_gigaops_per_s"]
-        rows.append([stage.name, stage.item, stage.bytes, stage.operations, 1e3 * rate, bandwidth, arithmetic])
+        found = beside(stage, seconds(stage.run), figures)
+        rows.append([stage.name, stage.item, *found.values()])
         name = stage.name.replace(", ", "_").replace(" ", "_")
-        figures |= {
-            f"{name}_bytes": stage.bytes,
-            f"{name}_operations": stage.operations,
-            f"{name}_million_per_s": 1e3 * rate,
-            f"{name}_bandwidth_percent": bandwidth,
-            f"{name}_arithmetic_percent": arithmetic,
-        }
-    heads = ["item", "bytes", "operations", "million/s", "of bandwidth %", "of arithmetic %"]
+        figures |= {f"{name}_{key}": value for key, value in found.items()}
+    heads = ["item", "bytes", "oper.", "lookups", "10^6/s", "ns", "% memory", "% oper.", "% lookups"]
     table("Stages, one thread", ["", *heads], rows)
     if store:
         write("dense_limits", figures)

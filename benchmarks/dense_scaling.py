@@ -5,9 +5,10 @@
 The scene is a slanted plane with random texture, seen by equal pinhole cameras on a circle whose longest baseline is
 always one unit, so that a depth range is so many px of disparity whatever the number of views. All views lie side by
 side in one photograph; its pixels are counted, not those of one view. Each measurement is a process of its own that
-first runs a small scene, so that kernels are compiled. Time is the median of repeats: the processor's, which other
-programs disturb least, but the clock's where threads are counted. Memory is the peak of the process less what it held
-before the measured scene.
+first runs a small scene, so that kernels are compiled. Time is the median of repeats of the whole job to points with
+covariance, and of matching alone, the maps between the views ready (their time stands beside): the processor's, which
+other programs disturb least, but the clock's where threads are counted. Memory is the peak of the process less what
+it held before the measured scene, with the maps.
 
 The exponent of a quantity is the slope of a straight line through the logarithms. It is fitted to whole runs, so that
 what does not grow makes it smaller. With --quick the photographs are smaller, and nothing is stored.
@@ -29,11 +30,13 @@ from benchmarks.data import ROOT
 from benchmarks.dense_real import FOCAL, side_by_side
 from benchmarks.results import table, write
 from cyclopean import reconstruct
+from cyclopean.matching import match
+from cyclopean.pipeline import plan_of
 
 PICTURE = ROOT / "docs" / "images" / "dense_scaling.png"
 LEAST_DISPARITY = 8.0  # px, at the far end of every depth range
 MIDDLE, SLOPES = 24.0, (0.004, 0.012)  # disparity px of the plane in mid-picture; its share of change along x and y
-REPEATS, ENOUGH = 3, 20.0  # repeats; seconds after which no other one begins
+REPEATS, ENOUGH = 3, 12.0  # repeats; seconds after which no other one begins
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,17 @@ NAMES = {
     "disparities": "depth range, px of disparity",
     "views": "views",
     "threads": "threads",
+}
+COLUMNS = {
+    "seconds": "s",
+    "processor_seconds": "processor s",
+    "match_seconds": "match s",
+    "match_processor_seconds": "processor s",
+    "plan_seconds": "maps s",
+    "mib": "MiB",
+    "process_mib": "in all",
+    "complete_percent": "complete %",
+    "median_px": "median px",
 }
 
 
@@ -112,16 +126,18 @@ def measure(case: Case) -> dict[str, float]:
     small = scene(replace(case, megapixels=0.01 * case.views))
     reconstruct(*small[:2], depths)
     photograph, rig, truth = scene(case)
-    before, taken = timing.peak_mib(), []
-    while len(taken) < REPEATS and sum(clock for clock, _ in taken) < ENOUGH:
-        start = time.perf_counter(), time.process_time()
-        found = reconstruct(photograph, rig, depths)
-        taken.append((time.perf_counter() - start[0], time.process_time() - start[1]))
+    before, start = timing.held_mib(), time.perf_counter()
+    plan = plan_of(rig, depths)
+    figures = {"plan_seconds": time.perf_counter() - start}
+    found = reconstruct(photograph, rig, depths)
+    for what, work in (("", lambda: reconstruct(photograph, rig, depths)), ("match_", lambda: match(photograph, plan))):
+        clock, processor = timing.median_times(work, REPEATS, ENOUGH)
+        figures |= {f"{what}seconds": clock, f"{what}processor_seconds": processor}
     error = np.abs(FOCAL / found.depth - truth)
     return {
-        "seconds": float(np.median([clock for clock, _ in taken])),
-        "processor_seconds": float(np.median([processor for _, processor in taken])),
+        **figures,
         "mib": timing.peak_mib() - before,
+        "process_mib": timing.peak_mib(),
         "complete_percent": float(100 * np.isfinite(found.depth).sum() / np.isfinite(truth).sum()),
         "median_px": float(np.nanmedian(error)),
     }
@@ -137,9 +153,9 @@ def exponent(x: Sequence[float], y: Sequence[float]) -> float:
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
-def timed(what: str) -> str:
-    """Which time says how a quantity counts."""
-    return "seconds" if what == "threads" else "processor_seconds"
+def timed(what: str) -> tuple[str, str]:
+    """Which times say how a quantity counts: of the whole job, and of matching alone."""
+    return ("seconds", "match_seconds") if what == "threads" else ("processor_seconds", "match_processor_seconds")
 
 
 def report(found: dict[Case, dict[str, float]], steps: dict[str, Sequence[float]]) -> dict[str, float]:
@@ -147,15 +163,14 @@ def report(found: dict[Case, dict[str, float]], steps: dict[str, Sequence[float]
     figures = {}
     for what, values in steps.items():
         rows = [found[replace(Case(), **{what: value})] for value in values]
-        keys = ("seconds", "processor_seconds", "mib", "complete_percent", "median_px")
-        cells = [[value, *(row[key] for key in keys)] for value, row in zip(values, rows)]
-        table(NAMES[what], [NAMES[what], "s", "processor s", "MiB", "complete %", "median error px"], cells)
+        cells = [[value, *(row[key] for key in COLUMNS)] for value, row in zip(values, rows)]
+        table(NAMES[what], ["", *COLUMNS.values()], cells)
         for value, row in zip(values, rows):
-            figures |= {f"{what}_{value:g}_{key}": row[key] for key in keys}
-        for key in (timed(what), "mib"):
+            figures |= {f"{what}_{value:g}_{key}": row[key] for key in COLUMNS}
+        for key in (*timed(what), "mib"):
             figures[f"{what}_{key}_exponent"] = exponent(values, [row[key] for row in rows])
-        print(f"exponents: time {figures[f'{what}_{timed(what)}_exponent']:.2f}, ", end="")
-        print(f"memory {figures[f'{what}_mib_exponent']:.2f}\n")
+        whole, alone, memory = (figures[f"{what}_{key}_exponent"] for key in (*timed(what), "mib"))
+        print(f"exponents: time {whole:.2f}, of matching alone {alone:.2f}, memory {memory:.2f}\n")
     return figures
 
 
@@ -164,23 +179,26 @@ def picture(figures: dict[str, float], steps: dict[str, Sequence[float]], path: 
     from matplotlib.figure import Figure
     from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
 
-    from cyclopean.plotting.colours import BLUE, GRID, VERMILION
+    from cyclopean.plotting.colours import BLUE, GREEN, GRID, VERMILION
 
     figure = Figure(figsize=(12, 5.6), dpi=110, layout="constrained")
     axes = figure.subplots(2, len(steps), sharey="row")
+    names = ("the whole job", "matching alone", None)
     for column, (what, values) in enumerate(steps.items()):
-        for row, (key, colour) in enumerate(((timed(what), BLUE), ("mib", VERMILION))):
-            place, y = axes[row, column], [figures[f"{what}_{value:g}_{key}"] for value in values]
-            place.loglog(values, y, color=colour, marker="o", markersize=5)
+        for key, colour, name in zip((*timed(what), "mib"), (BLUE, GREEN, VERMILION), names):
+            place, y = axes[int(key == "mib"), column], [figures[f"{what}_{value:g}_{key}"] for value in values]
+            slope = f"exponent {figures[f'{what}_{key}_exponent']:.2f}"
+            place.loglog(values, y, color=colour, marker="o", markersize=5, label=f"{name}: {slope}" if name else slope)
             place.xaxis.set_major_locator(FixedLocator(list(values)))
             place.xaxis.set_minor_locator(NullLocator())
             place.set_xticks(list(values), [f"{value:g}" for value in values])
             place.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             place.yaxis.set_major_formatter("{x:g}")
             place.yaxis.set_minor_formatter(NullFormatter())
-            place.set_title(f"exponent {figures[f'{what}_{key}_exponent']:.2f}", fontsize=10)
             place.grid(**GRID)
             place.spines[["top", "right"]].set_visible(False)
+        for place in axes[:, column]:
+            place.legend(loc="lower left", bbox_to_anchor=(0, 1), frameon=False, fontsize=9, borderpad=0)
         axes[1, column].set_xlabel(NAMES[what])
     axes[0, 0].set_ylabel("time, s")
     axes[1, 0].set_ylabel("memory, MiB")

@@ -10,10 +10,13 @@ fails when a file is not what would be written.
 import argparse
 import json
 import re
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from benchmarks import dense_tables
+from benchmarks.markdown import markdown, shown
+
 ROOT = Path(__file__).resolve().parents[1]
+RESULTS = Path(__file__).parent / "results"
 BLOCK = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -23,77 +26,6 @@ def accuracy(figures: dict[str, float]) -> str:
     rigs = [key.removesuffix("_corners") for key in figures if key.endswith("_corners")]
     rows = [[rig, *(figures[f"{rig}_{key}"] for key in keys)] for rig in rigs]
     return markdown(["rig", "corners", "missed", "rms px", "largest px", "pixels in the same facet %"], rows)
-
-
-def dense(figures: dict[str, float]) -> str:
-    """Our depth maps beside OpenCV's."""
-    scenes = [key.removesuffix("_sgbm2x_seconds") for key in figures if key.endswith("_sgbm2x_seconds")]
-    rows = []
-    for scene in scenes:
-        keys = ["complete_percent", "bad1_percent", "bad1_or_none_percent", "median_percent", "seconds"]
-        keys += [f"sgbm2x_{'' if key == 'seconds' else 'exact_'}{key}" for key in keys]
-        rows.append([scene, *(figures[f"{scene}_{key}"] for key in [*keys, "sgbm2x_exact_median_over_ours_times"])])
-    one = ["complete %", "bad-1 %", "bad-1 or none %", "median %", "s"]
-    return markdown(["scene", *one, *(f"OpenCV {column}" for column in one), "its median / ours"], rows)
-
-
-def dense_real(figures: dict[str, float]) -> str:
-    """Real photographs by ordinary cameras, beside OpenCV's."""
-    cases = {
-        "tsukuba_sgbm": "Tsukuba, OpenCV, 2 views",
-        "tsukuba_2views": "Tsukuba, 2 views",
-        "tsukuba_3views": "Tsukuba, 3 views",
-        "tsukuba_5views": "Tsukuba, 5 views",
-        "aloe_sgbm": "Aloe, OpenCV, 2 views",
-        "aloe_2views": "Aloe, 2 views",
-    }
-    keys = ("bad1_or_none_percent", "bad1_percent", "bad2_or_none_percent", "bad2_percent", "complete_percent")
-    rows = [[name, *(figures[f"{case}_{key}"] for key in (*keys, "seconds"))] for case, name in cases.items()]
-    heads = ["bad-1 or none %", "bad-1 %", "bad-2 or none %", "bad-2 %", "complete %", "s"]
-    return markdown(["photographs", *heads], rows)
-
-
-def dense_scaling(figures: dict[str, float]) -> str:
-    """Time and memory of dense depth by what grows, with the exponents."""
-    names = {
-        "megapixels": "million pixels",
-        "disparities": "px of disparity",
-        "views": "views",
-        "threads": "threads",
-    }
-    rows: list[list[object]] = []
-    for what, name in names.items():
-        end = "_processor_seconds"
-        keys = [key for key in figures if key.startswith(f"{what}_") and key.endswith(end)]
-        values = sorted((key.removeprefix(f"{what}_").removesuffix(end) for key in keys), key=float)
-        for value in values:
-            measured = (figures[f"{what}_{value}_{key}"] for key in ("seconds", "processor_seconds", "mib"))
-            rows.append([f"{name}: {value}", *measured])
-        time = "seconds" if what == "threads" else "processor_seconds"
-        exponents = {key: figures[f"{what}_{key}_exponent"] for key in (time, "mib")}
-        rows.append([f"exponent of {name}", *(f"{exponents[key]:.2f}" if key in exponents else ""
-                                              for key in ("seconds", "processor_seconds", "mib"))])  # fmt: skip
-    return markdown(["", "s", "processor s", "MiB"], rows)
-
-
-def dense_limits(figures: dict[str, float]) -> str:
-    """Stages of the matcher beside the limits of one core."""
-    end = "_bandwidth_percent"
-    keys = ("bytes", "operations", "million_per_s", "bandwidth_percent", "arithmetic_percent")
-    stages = [key.removesuffix(end) for key in figures if key.endswith(end)]
-    rows = [[stage.replace("_", " "), *(figures[f"{stage}_{key}"] for key in keys)] for stage in stages]
-    return markdown(["stage", "bytes", "operations", "million/s", "of bandwidth %", "of arithmetic %"], rows)
-
-
-def dense_machine(figures: dict[str, float]) -> str:
-    """The limits of one core that stages are compared to."""
-    rows: list[list[object]] = [
-        ["memory, GB/s", figures["triad_gigabytes_per_s"]],
-        ["additions and minima of 16 bits, 10^9/s", figures["int16_gigaops_per_s"]],
-        ["multiplications and additions of 32 bits, 10^9/s", figures["float32_gigaops_per_s"]],
-        ["lookups in the cache, 10^9/s", figures["lookups_giga_per_s"]],
-    ]
-    return markdown(["limit of one core", "rate"], rows)
 
 
 def optics(figures: dict[str, float]) -> str:
@@ -282,11 +214,16 @@ def tolerances(figures: dict[str, float]) -> str:
 TABLES = {  # name -> file of figures, table
     "accuracy": ("accuracy", accuracy),
     "calibration": ("calibration", calibration),
-    "dense": ("dense", dense),
-    "dense_limits": ("dense_limits", dense_limits),
-    "dense_machine": ("dense_limits", dense_machine),
-    "dense_real": ("dense_real", dense_real),
-    "dense_scaling": ("dense_scaling", dense_scaling),
+    "dense": ("dense", dense_tables.short),
+    "dense_accuracy": ("dense", dense_tables.accuracy),
+    "dense_calibrated": ("dense", dense_tables.calibrated),
+    "dense_limits": ("dense_limits", dense_tables.limits),
+    "dense_machine": ("dense_limits", dense_tables.machine),
+    "dense_pairs": ("dense", dense_tables.pairs),
+    "dense_real": ("dense_real", dense_tables.real),
+    "dense_scaling": ("dense_scaling", dense_tables.scaling),
+    "dense_seconds": ("dense", dense_tables.seconds),
+    "dense_work": ("dense", dense_tables.work),
     "epipolar": ("epipolar", epipolar),
     "measuring": ("measuring", measuring),
     "optics": ("optics", optics),
@@ -300,29 +237,14 @@ TABLES = {  # name -> file of figures, table
 }
 
 
-def markdown(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table: text to the left, numbers to the right with two or three figures."""
-    rows = [[shown(cell) for cell in row] for row in rows]
-    text = [all(not re.match(r"\d", row[k]) for row in rows) for k in range(len(columns))]
-    lines = [columns, [":--" if left else "--:" for left in text], *rows]
-    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
-
-
-def shown(cell: object) -> str:
-    """Text of one cell."""
-    if not isinstance(cell, float):
-        return str(cell or "")
-    if cell == 0:
-        return "0"
-    return f"{cell:.0f}" if cell >= 100 else f"{cell:.3g}" if cell >= 1 else f"{cell:.2g}"
-
-
 def filled(text: str) -> str:
     """A page with its tables written anew."""
 
     def block(match: re.Match) -> str:
         name, table = TABLES[match[2]]
-        stored = Path(__file__).parent / "results" / f"{name}.json"
+        stored = RESULTS / f"{name}.json"
+        if not stored.exists():  # not measured here: as it was
+            return match[0]
         return match[1] + table(json.loads(stored.read_text())) + match[3]
 
     return BLOCK.sub(block, text)

@@ -9,30 +9,54 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import cv2
+import numba
 import numpy as np
 
 from benchmarks.data import ROOT
 
 
-def median_seconds(
-    work: Callable[[], object], repeats: int, enough: float = np.inf, clock: Callable[[], float] = time.perf_counter
-) -> float:
-    """Median time of repeats, s; after `enough` seconds no other one begins."""
-    taken: list[float] = []
-    while len(taken) < repeats and sum(taken) < enough:
-        start = clock()
+def median_seconds(work: Callable[[], object], repeats: int) -> float:
+    """Median of the time of repeats, s."""
+    return median_times(work, repeats)[0]
+
+
+def median_times(work: Callable[[], object], repeats: int, enough: float = np.inf) -> tuple[float, float]:
+    """Medians of the clock's and of the processor's time of repeats, s; no other begins after `enough` seconds."""
+    taken: list[tuple[float, float]] = []
+    while len(taken) < repeats and sum(clock for clock, _ in taken) < enough:
+        start = time.perf_counter(), time.process_time()
         work()
-        taken.append(clock() - start)
-    return float(np.median(taken))
+        taken.append((time.perf_counter() - start[0], time.process_time() - start[1]))
+    clock, processor = np.median(taken, axis=0)
+    return float(clock), float(processor)
+
+
+def few_threads(threads: int) -> None:
+    """Give numba and OpenCV so many threads, numba no more than it was started with."""
+    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    cv2.setNumThreads(threads)
+
+
+def held_mib() -> float:
+    """Memory that this process holds now, MiB; from here on `peak_mib` counts anew where the system lets it."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+        return _status("VmRSS")
+    except OSError:
+        return peak_mib()
 
 
 def peak_mib() -> float:
     """Largest memory that this process has held, MiB."""
     try:  # Linux counts in `getrusage` what the process held that started this one
-        status = Path("/proc/self/status").read_text()
+        return _status("VmHWM")
     except OSError:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
-    return int(status.split("VmHWM:")[1].split()[0]) / 1024
+
+
+def _status(name):
+    return int(Path("/proc/self/status").read_text().split(f"{name}:")[1].split()[0]) / 1024
 
 
 def apart(module: str, words: Sequence[str], threads: int) -> dict[str, float]:

@@ -21,4 +21,11 @@ print(f"{len(result.points):,} points, median depth {np.median(result.points[:, 
 
 output = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("out")
 output.mkdir(parents=True, exist_ok=True)
-write_ply(output / "points.ply", result.points, colors=result.colours, sigma=sigma)
+write_ply(
+    output / "points.ply",
+    result.points,
+    colors=result.colours,
+    normals=result.normals,
+    sigma=sigma,
+    views=result.views,  # how many views have each point
+)

@@ -61,7 +61,7 @@ class Views:
     def warps(self, spacing=8, crooked=0.0, channels=1):
         """The maps of each view; those that are crooked are cubic in depth, with some px of noise at the nodes."""
         rng, (width, height) = np.random.default_rng(8), self.size
-        x, y = np.meshgrid(spacing * np.arange((width - 2) // spacing + 2), spacing * np.arange((height - 2) // spacing + 2))
+        x, y = np.meshgrid(*(spacing * np.arange((n - 2) // spacing + 2) for n in (width, height)))
         result, masks = [], self.masks
         for view, way in enumerate(self.ways):
             others = [k for k in range(len(self.ways)) if k != view]
@@ -126,3 +126,14 @@ def slow_places(warps, x, y, steps):
     s = 2 * np.asarray(steps) / (len(warps.inverse_depths) - 1) - 1
     at = np.moveaxis(at, np.arange(np.ndim(x)), np.arange(2, 2 + np.ndim(x)))  # (V-1, C, ..., 2, K)
     return np.polynomial.polynomial.polyval(s[..., None], np.moveaxis(at, -1, 0), tensor=False)
+
+
+def whole(layout, flat, view):
+    """The picture of a view with its rim, from an array that holds those of all views."""
+    width, height = layout.frames[view, 2:4].astype(int)
+    return flat[layout.starts[view] : layout.starts[view + 1]].reshape(height, width)
+
+
+def in_picture(layout, view, pixels):
+    """Columns and rows in a view's picture with its rim, of pixels (..., 2) of the photograph."""
+    return np.moveaxis((pixels - layout.frames[view, :2]) * layout.scale, -1, 0)

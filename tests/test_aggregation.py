@@ -170,6 +170,20 @@ def test_margin_tells_a_clear_winner_from_two_alike():
     assert np.isnan(margin[:, 7]).all()
 
 
+def test_a_ridge_parts_two_valleys_from_one():
+    valleys = np.full((16, 16, 20), 200, np.uint8)
+    valleys[..., 4] = 0
+    valleys[:, :8, 12] = 20  # on the left, a second one beyond a ridge
+    valleys[:, 8:, 5:7] = [10, 20]  # on the right, the second best lies on the slope of the best
+    bands, mask, ridge = Bands.full((16, 16), 20), np.ones((16, 16), bool), np.empty((16, 16), np.float32)
+    mask[:, 7:9] = False
+    large = np.full((16, 16), 250, np.uint16)
+    steps, margin = aggregation.search(filler(valleys, bands), bands, mask, 5, large, ridge=ridge)
+    assert (np.abs(steps - 4)[mask] < 1).all()
+    assert (ridge[:, :7] > 2 * margin[:, :7]).all()
+    assert (ridge[:, 9:] == margin[:, 9:]).all()
+
+
 @pytest.mark.parametrize("shape", [(3, 2, 5), (16, 3, 16), (37, 4, 21), (32, 2, 32)])
 def test_stored_planes_lie_pixel_by_pixel(shape):
     planes = (

@@ -12,10 +12,10 @@ from scipy.ndimage import map_coordinates
 from setups import SETUPS
 
 from benchmarks.data import renderer_setup
-from cyclopean import read_setup, write_setup
+from cyclopean import Camera, read_setup, reconstruct, write_setup
 from cyclopean.errors import ImageError, MediumError, SetupError
 from cyclopean.files import write_image
-from cyclopean.jobs.colours import chosen_colours
+from cyclopean.jobs.colours import chosen_colours, read_setups
 from cyclopean.rectification import (
     channel_rigs,
     channel_shifts,
@@ -217,21 +217,23 @@ def test_photographs_come_together(mitsuba, renderer_rigs):
     middle = middle_inverse_depth(DEPTHS)
     photograph = picture(mitsuba / "scenes" / "n3_chroma_round.png")
     after = compensated(photograph, renderer_rigs, middle)
-    before, after = (channel_shifts(image, renderer_rigs[1]).shifts for image in (photograph, after))
+    before, after = (channel_shifts(image, renderer_rigs[1]) for image in (photograph, after))
     expected = expected_shifts(renderer_rigs, middle)
     assert np.linalg.norm(expected, axis=-1).max(0) == pytest.approx([1.2, 0, 2.7], abs=0.1)
-    np.testing.assert_allclose(before - after, expected, atol=0.05)  # the mean over a window, not its middle
+    np.testing.assert_allclose(before.shifts - after.shifts, expected, atol=0.05)  # mean of a window, not its middle
+    left = np.linalg.norm(after.shifts, axis=-1)[:, [0, 2]]
+    assert (left < 4 * after.sigma[:, [0, 2]]).all()  # colours of this texture differ, and sigma says so
+    assert (after.sigma[:, [0, 2]] < 0.3).all()
 
 
 def test_a_board_at_the_middle_depth_has_no_colour_left(mitsuba, renderer_rigs):
     corners = np.load(mitsuba / "calib_n3_chroma" / "corners.npz")
-    for number in (0, 2):
-        depth = 1 / np.mean(1 / corners["xyz_cam"][corners["view"] == number][:, 2])
-        photograph = picture(mitsuba / "calib_n3_chroma" / f"view_{number:02d}.png")
-        before = channel_shifts(photograph, renderer_rigs[1])
-        after = channel_shifts(compensated(photograph, renderer_rigs, 1 / depth), renderer_rigs[1])
-        assert before.largest > 3  # px
-        assert after.largest < 0.02
+    depth = 1 / np.mean(1 / corners["xyz_cam"][corners["view"] == 2][:, 2])
+    photograph = picture(mitsuba / "calib_n3_chroma" / "view_02.png")
+    assert channel_shifts(photograph, renderer_rigs[1]).largest > 3  # px
+    after = channel_shifts(compensated(photograph, renderer_rigs, 1 / depth), renderer_rigs[1])
+    assert after.largest < 0.02
+    assert after.sigma.max() < 0.02
 
 
 def test_shifts_are_measured(flint):
@@ -245,6 +247,7 @@ def test_shifts_are_measured(flint):
     shifts = channel_shifts(moved, rig).shifts
     np.testing.assert_allclose(shifts[:, 0], 0, atol=1e-3)
     np.testing.assert_allclose(shifts[:, 2], np.tile([4.2, -1.3], (3, 1)), atol=0.02)  # the splines of a shift
+    assert channel_shifts(grey, rig).sigma.max() < 1e-3
     nothing = channel_shifts(np.full((240, 320, 3), 100, np.uint8), rig)
     assert np.isnan(nothing.shifts[:, [0, 2]]).all()
     assert nothing.largest == 0
@@ -265,6 +268,10 @@ def test_wrong_calls_are_explained(flint):
             channel_rigs(setups)
     with pytest.raises(ImageError, match=r"got \(240, 320\)"):
         compensated(photograph[..., 0], rigs, 1e-3)
+    with pytest.raises(ImageError, match=r"channels want a photograph of as many colours, got one of shape \(240"):
+        reconstruct(photograph[..., 1], rigs[1], channels=rigs)
+    with pytest.raises(SetupError, match="rig must be that of green"):
+        reconstruct(photograph, FLINT.rig(), channels=rigs)
     with pytest.raises(SetupError, match="three positive numbers of nm"):
         replace(FLINT, channel_wavelengths_nm=(600.0, 500.0))
     with pytest.raises(SetupError, match="name of a glass"):
@@ -311,11 +318,32 @@ def test_colours_are_brought_together_where_they_are_known_and_spoken_of_where_n
         np.testing.assert_array_equal(one.photograph, photograph[..., 2])
         assert one.rig[0].path.interfaces[0].index_after == pytest.approx(index_at(FLINT, 460.0), abs=1e-12)
         assert one.depths == (500, 900)
-    grey = chosen_colours(photo, photograph[..., 1], [FLINT], "all", None)
-    assert grey.warnings == []
-    for setups, channel, words in (([FLINT], "red", "has no red channel"), ([FLINT] * 3, "all", "three setups")):
-        with pytest.raises(ImageError, match=words):
-            chosen_colours(photo, photograph[..., 1], setups, channel, None)
+    swapped = chosen_colours(photo, photograph, [blue, green, red], "all", None)
+    assert "the setups those of red, green and blue, in this order" in swapped.warnings[0]
+    turned = replace(blue, optic=replace(blue.optic, azimuth_deg=blue.optic.azimuth_deg + 60))
+    with pytest.raises(SetupError, match="no glass bends colours so differently"):
+        chosen_colours(photo, photograph, [red, green, turned], "all", None)
+    mirrors = chosen_colours(photo, photograph, [SETUPS["two mirrors, straight lens"]] * 3, "all", (300, 600))
+    assert (mirrors.channels, mirrors.note, mirrors.warnings) == (None, "", [])
+
+
+def test_grey_photographs_have_no_colours_to_bring_together(flint):
+    photograph, photo = flint[1], Path("photo.png")
+    for grey in (photograph[..., 1], np.repeat(photograph[..., 1:2], 3, -1)):
+        plain = chosen_colours(photo, grey, [FLINT], "all", None)
+        np.testing.assert_array_equal(plain.photograph, photograph[..., 1])
+        assert (plain.channels, plain.note, plain.warnings) == (None, "", [])
+        with pytest.raises(ImageError, match="three setups"):
+            chosen_colours(photo, grey, [FLINT] * 3, "all", None)
+    with pytest.raises(ImageError, match="has no red channel"):
+        chosen_colours(photo, photograph[..., 1], [FLINT], "red", None)
+
+
+def test_three_setups_are_of_one_size_of_photograph(tmp_path):
+    write_setup(FLINT, tmp_path / "one.toml")
+    write_setup(replace(FLINT, camera=Camera((640, 480), 600.0)), tmp_path / "other.toml")
+    with pytest.raises(SetupError, match="different sizes: 320x240 px, 320x240 px, 640x480 px"):
+        read_setups([tmp_path / f"{name}.toml" for name in ("one", "one", "other")])
 
 
 def test_the_command_matches_all_colours_at_once(monkeypatch, capsys, tmp_path, flint):
@@ -326,6 +354,7 @@ def test_the_command_matches_all_colours_at_once(monkeypatch, capsys, tmp_path, 
     assert status == 0, complaint
     assert "colours: red is brought to green by up to" in said
     assert "warning" not in said
+    assert "<td>red is brought to green by up to" in (tmp_path / "out" / "report.html").read_text()
     depth = np.load(tmp_path / "out" / "depth.npz")["depth"]
     mask = flint[0][1].masks.any(0)
     true = photograph_plane(channel_rigs(FLINT)[1], 560.0, slope=0.1)[1]

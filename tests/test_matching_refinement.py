@@ -1,12 +1,11 @@
-"""What makes depth maps fine: Lucas-Kanade, jumps, surfaces and the cross-check, beside slow twins."""
+"""Sub-step depth by Lucas and Kanade's method, and jumps in their place: kernels beside slow twins."""
 
 import numpy as np
 import pytest
 from scipy import ndimage
-from shifted_views import Texture, Views, everywhere, slow_places
+from shifted_views import Texture, Views, everywhere, in_picture, slow_places, whole
 
-from cyclopean import errors
-from cyclopean.matching import Warps, agreement, jumps, pictures, plan, refinement, surfaces
+from cyclopean.matching import jumps, pictures, plan, refinement, surfaces
 
 VIEWS = Views(ways=(0, 1, -1), size=(90, 76), depths=25, corner=(5, 3))
 PLANE = (6.0, 0.06, 0.05)
@@ -32,20 +31,13 @@ def rng():
     return np.random.default_rng(5)
 
 
-def whole(layout, flat, view):
-    """The picture of a view with its rim."""
-    width, height = layout.frames[view, 2:4].astype(int)
-    return flat[layout.starts[view] : layout.starts[view + 1]].reshape(height, width)
-
-
 def picture_places(ready, layout, number, steps, view_index):
     """Columns and rows in another view's picture where pixels of view `number` are seen, NaN unknown."""
     stride = round(1 / layout.scale)
     height, width = steps.shape
     x, y = np.meshgrid(stride * np.arange(width), stride * np.arange(height))
     at = slow_places(ready.warps[number], x, y, steps)[view_index, 0]
-    view = ready.references[number].others[view_index]
-    return np.moveaxis((at - layout.frames[view, :2]) * layout.scale, -1, 0)
+    return in_picture(layout, ready.references[number].others[view_index], at)
 
 
 # Lucas-Kanade
@@ -117,9 +109,8 @@ def test_a_step_is_the_least_squares_of_its_window(scene, rng, level, passes):
     depth = bumpy(truth[:: 2**level, :: 2**level], rng)
     depth[5:8, 5:8] = np.nan
     reach, prior = 1.5, 0.5
-    found, sigma, _ = refinement.refined(
-        prepared.smooth[level], prepared.splines[level], ready.references[0], depth, passes=passes, reach=reach, prior=prior
-    )
+    pair = prepared.smooth[level], prepared.splines[level]
+    found, sigma, _ = refinement.refined(*pair, ready.references[0], depth, passes=passes, reach=reach, prior=prior)
     looks = slow_looks(ready, prepared, level, depth)
     hidden = np.all([look[0] == 0 for look in looks], axis=0)
     assert np.isnan(found[hidden | np.isnan(depth)]).all()
@@ -142,7 +133,6 @@ def test_a_step_is_the_least_squares_of_its_window(scene, rng, level, passes):
             tent = (4 - np.abs(np.arange(-3, 4))) / 4
             away = np.nan_to_num(depth[at] - depth[y, x], nan=99) / reach
             window = np.outer(tent, tent) * np.maximum(0, 1 - away**2) ** 2
-        parts = [tuple(a[at] for a in look) for look in looks]
         change, spread, doubt = slow_step(own[at], [[a[at] for a in look] for look in looks], window, 1 / prior**2)
         if np.isnan(change) or abs(change) > 1 or doubt < 0.05:
             continue  # steps are cut off at 1; one view may hide the point
@@ -154,7 +144,7 @@ def test_a_step_is_the_least_squares_of_its_window(scene, rng, level, passes):
 
 
 def test_steps_lead_to_the_truth(scene):
-    ready, prepared, _ = scene
+    ready, *_ = scene
     flat = pictures.prepare(VIEWS.photograph(SCENE[:1], rounded=False) / 255, ready)
     truth = VIEWS.truth(SCENE[:1], 0)
     depth = (truth + 0.5).astype(np.float32)
@@ -211,7 +201,7 @@ def test_gain_and_offset_do_not_move_a_step(channels, rng):
 
 
 def slow_unlike(ready, smooth, depth, candidate):
-    """1 - ZNCC (h, w) of 3 x 3 pixels of view 0 at candidate depths, windows sloping as the maps do at `depth`."""
+    """1 - ZNCC (h, w) of 3 x 3 pixels of view 0 at candidate depths, windows sloping as the maps do halfway."""
     layout, own = smooth.layout, np.pad(smooth.own(0)[0].astype(float), 1, mode="edge")
     height, width = depth.shape
     x, y = np.meshgrid(np.arange(width), np.arange(height))
@@ -220,10 +210,13 @@ def slow_unlike(ready, smooth, depth, candidate):
 
         def at(x, y, steps, v=v, view=view):
             pixels = slow_places(ready.warps[0], np.minimum(x, width - 1), y, steps)[v, 0]
-            return np.moveaxis(pixels - layout.frames[view, :2], -1, 0)
+            return in_picture(layout, view, pixels)
 
-        here = at(x, y, depth)
-        right, down = (at(x + 4, y, depth) - here) / 4, (at(x, y + 4, depth) - here) / 4
+        middle = np.full(depth.shape, (VIEWS.depths - 1) / 2)
+        span = jumps._SPAN
+        first = x // span * span  # slopes serve as many columns as they are taken over
+        here = at(first, y, middle)
+        right, down = (at(first + span, y, middle) - here) / span, (at(first, y + span, middle) - here) / span
         picture, weights = (whole(layout, a, view).astype(float) for a in (smooth.values[0], layout.weights))
         u0, w0 = at(x, y, candidate)
         mine, other = [], []
@@ -248,7 +241,7 @@ def displaced(truth):
 
 
 def test_pixels_near_jumps_choose_what_looks_most_like_them(scene):
-    ready, prepared, truth = scene
+    ready, (_, prepared, truth) = plan(VIEWS.warps(crooked=0.2)), scene
     depth = displaced(truth)
     low, high = surfaces.extremes(depth, jumps.RADIUS)
     near = high - low > jumps.REACH
@@ -271,119 +264,3 @@ def test_jumps_come_to_their_place():
     found = surfaces.median(jumps.placed(prepared.smooth[0], ready.references[0], depth))
     # half of what lies beside a jump is hidden from one of the two other views
     assert ((np.abs(found - truth) > 2) & seen).sum() < 0.5 * (wrong & seen).sum()
-
-
-# Surfaces
-
-
-def holed(rng, shape=(23, 31)):
-    depth = (5 + rng.integers(0, 2, shape) * 4 + rng.normal(0, 0.3, shape)).astype(np.float32)
-    depth[rng.random(shape) < 0.2] = np.nan
-    return depth
-
-
-def test_smooth_is_the_mean_of_like_neighbours(rng):
-    depth = holed(rng)
-    found = surfaces.smooth(depth, 2, np.float32(1))
-    np.testing.assert_array_equal(np.isnan(found), np.isnan(depth))
-    for y, x in np.argwhere(~np.isnan(depth)):
-        near = depth[max(0, y - 2) : y + 3, max(0, x - 2) : x + 3]
-        like = near[np.abs(near - depth[y, x]) < 1]
-        assert found[y, x] == pytest.approx(like.mean(), abs=1e-5)  # float32
-
-
-def test_a_jump_stays_sharp():
-    depth = np.repeat(np.float32([[3, 3, 3, 9, 9, 9]]), 6, 0)
-    np.testing.assert_array_equal(surfaces.smooth(depth, 2, np.float32(2)), depth)
-
-
-def test_extremes_are_the_least_and_largest_around(rng):
-    depth = holed(rng)
-    depth[:8, :8] = np.nan
-    low, high = surfaces.extremes(depth, 3)
-    for y, x in np.ndindex(depth.shape):
-        near = depth[max(0, y - 3) : y + 4, max(0, x - 3) : x + 4]
-        if np.isnan(near).all():
-            assert low[y, x] > high[y, x]
-        else:
-            assert (low[y, x], high[y, x]) == (np.nanmin(near), np.nanmax(near))
-
-
-def test_doubled_repeats_and_closes_single_holes(rng):
-    depth = np.float32(rng.uniform(0, 9, (6, 7)))
-    np.testing.assert_array_equal(surfaces.doubled(depth, (13, 12)), np.kron(depth, np.ones((2, 2)))[:12, :13])
-    depth[2, 3] = np.nan
-    depth[4:, 4:] = np.nan
-    found = surfaces.doubled(depth, (14, 12))
-    around = np.delete(depth[1:4, 2:5].ravel(), 4)
-    np.testing.assert_allclose(found[4:6, 6:8], around.mean(), rtol=1e-6)  # float32
-    assert np.isnan(found[10:, 10:]).all()
-    assert np.isfinite(found[8:10, 8:10]).all()
-
-
-def test_median_takes_unknown_for_farthest(rng):
-    depth = holed(rng)
-    found = surfaces.median(depth)
-    twin = ndimage.median_filter(np.where(np.isnan(depth), -1, depth), 5, mode="nearest")
-    expected = np.where(np.isnan(depth) | (twin < 0), depth, twin)
-    np.testing.assert_array_equal(found, expected)
-
-
-# Cross-check
-
-
-def test_agreement_counts_witnesses(rng):
-    ready = plan(VIEWS.warps(crooked=0.3))
-    maps = [rng.integers(0, 4, VIEWS.size[::-1]).astype(np.float32) * 3 for _ in range(3)]
-    for one in maps:
-        one[rng.random(one.shape) < 0.2] = np.nan
-    for number, found in enumerate(agreement.agreement(ready, maps, 1.0)):
-        depth, (x, y) = maps[number], VIEWS.grid()
-        at = slow_places(ready.warps[number], x, y, np.nan_to_num(depth))[:, 0]
-        agree, object_, tie = np.zeros((2, *depth.shape), int), None, np.zeros(depth.shape, bool)
-        agree, object_ = agree
-        for v, view in enumerate(ready.references[number].others):
-            u, w = np.moveaxis(at[v] - (VIEWS.left(view), VIEWS.corner[1]), -1, 0)
-            tie |= (abs(u % 1 - 0.5) < 1e-3) | (abs(w % 1 - 0.5) < 1e-3)
-            i, j = np.floor(u + 0.5).astype(int), np.floor(w + 0.5).astype(int)
-            inside = (i >= 0) & (j >= 0) & (i < VIEWS.size[0]) & (j < VIEWS.size[1])
-            there = np.where(inside, maps[view][np.where(inside, j, 0), np.where(inside, i, 0)], np.nan)
-            box = VIEWS.masks[view][ready.boxes[view]]
-            there = np.where(inside & box[np.where(inside, j, 0), np.where(inside, i, 0)], there, np.nan)
-            agree += np.abs(depth - there) <= 1
-            object_ += depth - there > 1
-        expected = (agree > 0) & (agree >= object_)
-        np.testing.assert_array_equal(found[~tie], expected[~tie])
-        assert 0.1 < found.mean() < 0.9
-
-
-# Plans
-
-
-def test_plans_want_the_maps_of_every_view():
-    warps = VIEWS.warps()
-    with pytest.raises(errors.ShapeError, match="every view into all others"):
-        plan(warps[:2])
-    with pytest.raises(errors.ShapeError, match="every view into all others"):
-        plan(warps[:1])
-    with pytest.raises(errors.ShapeError, match=r"at \[25, 26\] inverse depths"):
-        plan([*warps[:2], Views(ways=VIEWS.ways, size=VIEWS.size, depths=26, corner=VIEWS.corner).warps()[2]])
-    with pytest.raises(errors.ShapeError, match="3 colour channels: all or none"):
-        plan(VIEWS.warps(channels=3), channels=1)
-
-
-def test_wide_ranges_have_more_levels():
-    for depths, levels in ((25, 1), (129, 1), (130, 2), (300, 3)):
-        ready = plan(Views(depths=depths).warps())
-        assert sorted(ready.references[0].lines) == [2**k for k in range(levels + 1)]
-        assert sorted(ready.references[0].masks) == [2**k for k in range(1, levels + 1)]
-        assert len(ready.layouts) == max(levels, 2)
-
-
-def test_maps_that_do_not_fit_are_refused():
-    one = VIEWS.warps()[0]
-    fields = dict(origin=one.origin, size=one.size, inverse_depths=one.inverse_depths, spacing=8, masks=one.masks)
-    with pytest.raises(errors.ShapeError, match="coefficients must have shape"):
-        Warps(**fields, coefficients=one.coefficients[:, :, 1:])
-    with pytest.raises(errors.ShapeError, match="at least 3 inverse depths, got 2"):
-        Warps(**(fields | {"inverse_depths": one.inverse_depths[:2]}), coefficients=one.coefficients)

@@ -5,6 +5,7 @@ from .chromatic import chromatic_blur, colour_bias, filter_advice
 from .common_volume import CommonField, CommonSection, CommonVolume, common_volume
 from .field_of_view import FieldOfView, upright
 from .model_error import ModelError, model_error
+from .reliability import Reliability, reliability
 from .sensitivity import Sensitivity, point_sensitivity
 from .sensor_use import SensorUse, sensor_use
 from .summary import FieldAtDepth, RigSummary, ViewPair, field_at, summarise
@@ -30,6 +31,7 @@ __all__ = [
     "upright",
     # errors
     "Budget",
+    "Reliability",
     "Sensitivity",
     "ThermalData",
     "chromatic_blur",
@@ -38,6 +40,7 @@ __all__ = [
     "error_budget",
     "filter_advice",
     "point_sensitivity",
+    "reliability",
     "standard_tolerances",
     "thermal_response",
     # tolerances, and what pinholes cost

@@ -29,7 +29,8 @@ class Warps:
         if len(shape) != 6 or (shape[0], *shape[2:5]) != wanted or 0 in shape:
             views, rows, columns, _ = wanted
             raise ShapeError(
-                f"coefficients must have shape (V-1, C, Ny, Nx, 2, K) = ({views}, C, {rows}, {columns}, 2, K), got {shape}"
+                f"coefficients must have shape (V-1, C, Ny, Nx, 2, K) = ({views}, C, {rows}, {columns}, 2, K), "
+                f"got {shape}"
             )
         if len(self.inverse_depths) < 3:
             raise ShapeError(

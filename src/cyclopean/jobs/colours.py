@@ -23,6 +23,8 @@ from ..rigs.colours import bends_colours, coloured
 
 COLOURS = ("red", "green", "blue")
 _APART = 0.7  # px between channels that nobody accounts for: matching them as one suffers; less is hard to measure
+_SURE = 4  # standard deviations of such a measurement: of textures whose colours differ, a few are far off
+_FARTHEST = 0.05  # of the width of the photograph: glass moves no channel so far from green
 
 
 class Coloured(NamedTuple):
@@ -37,10 +39,14 @@ class Coloured(NamedTuple):
 
 
 def read_setups(files: Sequence[Path]) -> tuple[Setup, ...]:
-    """The setup of all colours, or those of red, green and blue."""
+    """The setup of all colours, or those of red, green and blue; SetupError where they cannot be of one photograph."""
     if len(files) not in (1, 3):
         raise SetupError(f"--setup is given once, or three times, for red, green and blue; got {len(files)} files")
-    return tuple(read_setup(file) for file in files)
+    setups = tuple(read_setup(file) for file in files)
+    if len({setup.camera.size for setup in setups}) > 1:
+        sizes = ", ".join("{}x{} px".format(*setup.camera.size) for setup in setups)
+        raise SetupError(f"the setups of red, green and blue are for photographs of different sizes: {sizes}")
+    return setups
 
 
 def chosen_colours(
@@ -54,6 +60,8 @@ def chosen_colours(
 
     Channels are brought together where three setups, or one that knows its channels, tell how far they lie apart.
     """
+    if channel == "all" and photograph.ndim == 3 and (photograph == photograph[..., :1]).all():
+        photograph = np.ascontiguousarray(photograph[..., 0])  # grey in a file for colours
     if photograph.ndim == 2:
         if channel != "all":
             raise ImageError(f"{photo} is grey: it has no {channel} channel; leave --channel out")
@@ -92,21 +100,35 @@ def _brought_together(photograph, setups, depths):
     middle = middle_inverse_depth(depths)
     expected = expected_shifts(rigs, middle)
     red, _, blue = np.linalg.norm(expected, axis=-1).max(0)
+    limit = _FARTHEST * rigs[1].size[0]
+    if not (red < limit and blue < limit):
+        raise SetupError(
+            f"by these setups red lies up to {red:.0f} px from green and blue up to {blue:.0f} px; no glass bends "
+            "colours so differently: are all three of the optic and the camera that took this photograph?"
+        )
     note = f"red is brought to green by up to {red:.1f} px, blue by up to {blue:.1f} px"
-    missed = np.linalg.norm(channel_shifts(photograph, rigs[1]).shifts - expected, axis=-1)
-    warnings = []
-    if np.nanmax(missed) > _APART:
-        view, channel = np.unravel_index(np.nanargmax(missed), missed.shape)
+    measured = channel_shifts(photograph, rigs[1])
+    missed, warnings = np.linalg.norm(measured.shifts - expected, axis=-1), []
+    if _sure(missed, measured).any():
+        known = "glass and wavelengths of the channels those of this photograph"
+        if len(setups) == 3:
+            known = "the setups those of red, green and blue, in this order, and of this photograph"
+        view, channel = np.unravel_index(np.argmax(np.where(_sure(missed, measured), missed, 0)), missed.shape)
         warnings.append(
-            f"{COLOURS[channel]} still lies {missed[view, channel]:.1f} px from green in view {view}: are glass and "
-            "wavelengths of the channels those of this photograph? --channel green matches green alone"
+            f"{COLOURS[channel]} still lies {missed[view, channel]:.1f} px from green in view {view}: are {known}? "
+            "--channel green matches green alone"
         )
     return Coloured(compensated(photograph, rigs, middle), rigs[1], rigs, depths, note, warnings)
 
 
+def _sure(apart, measured):
+    """Which distances (V, 3) px are too long, beyond what the measurement may be off."""
+    return apart > _APART + _SURE * measured.sigma
+
+
 def _unaccounted(photograph, setup, rig):
-    largest = channel_shifts(photograph, rig).largest
-    if largest <= _APART:
+    measured = channel_shifts(photograph, rig)
+    if not _sure(np.linalg.norm(measured.shifts, axis=-1), measured).any():
         return []
     wavelengths = setup.channel_wavelengths_nm
     if wavelengths is None:
@@ -114,6 +136,6 @@ def _unaccounted(photograph, setup, rig):
     else:
         known = 'name the glass whose dispersion counts, such as dispersion = "N-BK7", under [light] in the setup file'
     return [
-        f"the colours of this photograph lie up to {largest:.1f} px apart, and the setup does not say why: match one "
-        f"channel (--channel green), or {known}, or give --setup three times, for red, green and blue"
+        f"the colours of this photograph lie up to {measured.largest:.1f} px apart, and the setup does not say why: "
+        f"match one channel (--channel green), or {known}, or give --setup three times, for red, green and blue"
     ]

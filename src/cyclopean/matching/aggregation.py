@@ -93,7 +93,8 @@ def search(fill, bands, mask, small, large, *, rows_per_strip=None, paths=8, rid
     def work(rows):
         volume, start = _costs(fill, bands, rows), bands.start - bands.start[rows.start // bands.tile, 0]
         layout = (bands.first, bands.count, start, bands.tile, alive, int(small), large, states)
-        return _Strip(volume, totals, *layout, _record(bands), steps, margin, ridge, paths, rows.start, rows.stop - rows.start)
+        rest = _record(bands), steps, margin, ridge, paths
+        return _Strip(volume, totals, *layout, *rest, rows.start, rows.stop - rows.start)
 
     above = []
     for rows in strips[:-1]:

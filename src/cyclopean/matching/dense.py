@@ -25,8 +25,8 @@ _ALIKE = 1.5  # variance of the depth, because smoothing makes the noise of neig
 _MAX_SIGMA = 0.6  # steps, 0.3 px: more is a window without texture
 _MIN_SCORE = 0.6  # less is something else
 _BEFORE = 0.4  # steps, standard deviation of the depth from half resolution where there is little texture
-_OWN, _WINDOW = 3, 2.12  # px: what is near a pixel; standard deviation of the last windows
-_SHARE = 0.05  # mean energy of the slopes near a pixel, of that in its window: less is borrowed texture
+_OWN, _WINDOW = 3, 9  # px: width of what is near a pixel, and of the last windows
+_SHARE = 0.03  # mean energy of the slopes near a pixel, of that in its window: less is borrowed texture
 _AGREE = 1.0  # steps between maps of two views that agree
 
 
@@ -96,7 +96,7 @@ def match(image, plan: Plan, *, memory_mib=1024.0, progress=None, keep=None) -> 
         Of each view.
     """
     prepared = prepare(image, plan)
-    stages = len(plan.references[0].lines) + 3
+    stages = len(plan.references[0].lines) + 2
     ticks, total = itertools.count(1), len(plan.references) * stages
 
     def tick():
@@ -131,11 +131,12 @@ def checked(plan: Plan, maps) -> list[DepthMap]:
 
 def _searched(prepared, plan, reference, memory_mib, tick):
     """Inverse depth in steps of every other pixel, coarse to fine; NaN where several depths fit alike."""
-    steps = doubtful = None
-    for level in range(len(reference.lines) - 1, 0, -1):
+    steps = doubtful = np.zeros((1, 1), np.float32)
+    coarsest = len(reference.lines) - 1
+    for level in range(coarsest, 0, -1):
         mask = reference.masks[2**level]
         size, depths = mask.shape[::-1], -(-(reference.depths - 1) // 2**level) + 1
-        if steps is None:
+        if level == coarsest:
             bands = Bands.full(size, depths, TILE, mask)
         else:
             bands = Bands.around(2 * doubled(steps, size), mask, _ABOUT, depths, TILE).rounded()
@@ -144,16 +145,15 @@ def _searched(prepared, plan, reference, memory_mib, tick):
         fill = filler(prepared.search, reference, level, bands)
         ridge, rows = np.full(mask.shape, np.nan, np.float32), _rows(bands, memory_mib)
         steps, margin = search(fill, bands, mask, _SMALL, _penalties(grey), rows_per_strip=rows, ridge=ridge)
-        doubtful = _doubtful(margin, ridge, doubtful)
+        doubtful = np.maximum(_doubtful(margin, ridge), doubtful)
         tick()
     return np.where(doubtful > _DOUBT, np.float32(np.nan), 2 * steps)
 
 
-def _doubtful(margin, ridge, before):
+def _doubtful(margin, ridge):
     """Share of the pixels around each, (h, w), for which another depth, behind a ridge, fits as well."""
     doubt = (margin < _CLEAR * ridge).astype(np.float32)
-    share = cv2.boxFilter(doubt, -1, (_AROUND, _AROUND))
-    return share if before is None else np.maximum(share, before)
+    return cv2.boxFilter(doubt, -1, (_AROUND, _AROUND))
 
 
 def _rows(bands, memory_mib):
@@ -168,10 +168,9 @@ def _own_texture(picture):
     """Pixels (h, w) bool that have texture of their own, not only something in a corner of their window."""
     energy = np.zeros(picture.shape[1:], np.float32)
     for plane in picture:
-        for axis in (0, 1):
-            slope = cv2.Scharr(plane, cv2.CV_32F, 1 - axis, axis)
-            energy += slope * slope
-    near, window = cv2.boxFilter(energy, -1, (_OWN, _OWN)), cv2.GaussianBlur(energy, (0, 0), _WINDOW)
+        for direction in ((1, 0), (0, 1)):
+            cv2.accumulateSquare(cv2.Sobel(plane, cv2.CV_32F, *direction, ksize=1), energy)
+    near, window = (cv2.boxFilter(energy, -1, (side, side)) for side in (_OWN, _WINDOW))
     return near >= _SHARE * window
 
 

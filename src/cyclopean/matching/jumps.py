@@ -17,7 +17,7 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def _slopes(lines, spacing, y, x, out):
-    """How far the place in another view moves for one pixel across and one down, halfway through the range: out (4,)."""
+    """How far the place in another view moves for a pixel across and one down, halfway through the range: out (4,)."""
     for axis in range(2):
         here = place(lines, spacing, y, x, _ZERO, axis)
         out[axis] = (place(lines, spacing, y, x + _SPAN, _ZERO, axis) - here) / np.float32(_SPAN)
@@ -78,7 +78,7 @@ def _chosen(own, depth, low, high, lines, spacing, half, others, frames, starts,
     for y in prange(height):
         slopes, block = np.empty((len(lines), 4), np.float32), -1
         for x in range(width):
-            if not high[y, x] - low[y, x] > REACH or not depth[y, x] == depth[y, x]:
+            if not high[y, x] - low[y, x] > REACH or np.isnan(depth[y, x]):
                 continue
             if x // _SPAN != block:
                 block = x // _SPAN

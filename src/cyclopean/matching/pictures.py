@@ -12,6 +12,7 @@ RIM = 4  # px around each picture that belong to no view
 GREY = 128  # grey level that becomes 0: sums of products stay small
 _BLUR = 0.6  # px: without it, noise passes for texture
 _SEARCH_BLUR = 0.9  # px: for the search, where the nearest pixel is taken
+_EVERY = 32  # px between the rows and columns in which texture is looked for
 _POLE = np.sqrt(3) - 2  # of the filter that turns samples into B-spline coefficients
 _REACH = 7  # px of that filter; what is cut off is 1e-4
 
@@ -118,9 +119,35 @@ def grey_levels(image: np.ndarray, channels: int) -> np.ndarray:
     if image.dtype.kind == "f":
         levels = np.nan_to_num(levels, copy=False, posinf=0, neginf=0)
     if channels == 1 and image.ndim == 3:
-        share = np.full(image.shape[2], scale / image.shape[2])
-        return cv2.transform(levels, np.append(share, -GREY)[None])[None]
+        share = scale * mixture(levels)
+        return (cv2.transform(levels, np.append(share, 0.0)[None]) - np.float32(GREY * share.sum() / scale))[None]
     return np.moveaxis(levels.reshape(*image.shape[:2], -1), -1, 0) * np.float32(scale) - np.float32(GREY)
+
+
+def mixture(levels: np.ndarray) -> np.ndarray:
+    """Shares of the colours in the one picture that is matched: their mean, unless that hides most of the texture.
+
+    Texture is the change from pixel to pixel. Where the mean has less than half of that of the direction in colour
+    space that has most (the principal axis of the 3 x 3 matrix of products of changes), it is that direction.
+
+    Parameters
+    ----------
+    levels : (H, W, C) float32 array
+        Photograph.
+
+    Returns
+    -------
+    (C,) array
+        Of the same length as those of the mean, so that noise counts the same.
+    """
+    colours = levels.shape[2]
+    across, down = np.diff(levels[::_EVERY], axis=1), np.diff(levels[:, ::_EVERY], axis=0)
+    products = sum(np.einsum("ijc,ijd->cd", change, change, dtype=float) for change in (across, down))
+    energies, axes = np.linalg.eigh(products)
+    mean = np.full(colours, 1 / np.sqrt(colours))
+    axis = axes[:, -1] * np.sign(axes[np.argmax(np.abs(axes[:, -1])), -1])
+    best = axis if mean @ products @ mean < energies[-1] / 2 else mean
+    return best / np.sqrt(colours)
 
 
 def prepare(image: np.ndarray, plan) -> Prepared:

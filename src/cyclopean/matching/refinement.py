@@ -135,6 +135,8 @@ def _without_gain(s, pair):
         pair[2 * BLOCK + x] = max(ee - er * er * per, _ZERO)
         pair[3 * BLOCK + x] = max(rr + _TWO * er + ee, np.float32(1e-3))
         pair[4 * BLOCK + x] = w
+        pair[5 * BLOCK + x] = gr + ge
+        pair[6 * BLOCK + x] = gg
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -142,7 +144,7 @@ def _together(pairs, usable, prior, total, change):
     """Add the usable views up, and solve for the change of inverse depth."""
     total[:] = 0
     for k in range(len(pairs)):
-        for m in range(5):
+        for m in range(7):
             for x in range(BLOCK):
                 total[m * BLOCK + x] += usable[k, x] * pairs[k, m * BLOCK + x]
     for x in range(BLOCK):
@@ -156,7 +158,8 @@ def _likeness(pair, change, like):
     for x in range(BLOCK):
         d = change[x]
         left = pair[2 * BLOCK + x] + d * (d * pair[x] - _TWO * pair[BLOCK + x])
-        like[x] = np.sqrt(max(_ONE - max(left, _ZERO) / pair[3 * BLOCK + x], _ZERO))
+        power = max(pair[3 * BLOCK + x] + d * (d * pair[6 * BLOCK + x] + _TWO * pair[5 * BLOCK + x]), np.float32(1e-3))
+        like[x] = np.sqrt(max(_ONE - max(left, _ZERO) / power, _ZERO))
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -182,7 +185,8 @@ def _result(total, change, middle, count, depth, sigma, score):
         known = a > 0 and middle[x] < np.float32(_FAR)
         depth[x] = middle[x] + min(max(d, -_ONE), _ONE) if known else np.float32(np.nan)
         sigma[x] = np.sqrt(spread / max(a, _TINY))
-        score[x] = np.sqrt(max(_ONE - left / max(total[3 * BLOCK + x], np.float32(1e-3)), _ZERO))
+        power = max(total[3 * BLOCK + x] + d * (d * total[6 * BLOCK + x] + _TWO * total[5 * BLOCK + x]), np.float32(1e-3))
+        score[x] = np.sqrt(max(_ONE - left / power, _ZERO))
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -288,9 +292,9 @@ def improve(
         looks = np.empty((many, tall, 3 * WIDE), np.float32)
         _looks(own, depth, lines, spacing, stride, half, others, frames, starts, splines, weights, top, x0, tall, looks)
         rows, lined = np.zeros((many, 12, _SUMS * WIDE), np.float32), np.zeros((2, _SUMS * WIDE), np.float32)
-        sums, pairs = np.empty(_SUMS * BLOCK, np.float32), np.empty((many, 5 * BLOCK), np.float32)
+        sums, pairs = np.empty(_SUMS * BLOCK, np.float32), np.empty((many, 7 * BLOCK), np.float32)
         usable, like = np.empty((2, many, BLOCK), np.float32)
-        rest, count = np.empty(7 * BLOCK, np.float32), min(BLOCK, width - x0)
+        rest, count = np.empty(9 * BLOCK, np.float32), min(BLOCK, width - x0)
         for n in range(tall):
             row = n - 2 * radius  # of the result that the windows are complete for
             y = y0 + row + MARGIN

@@ -72,6 +72,7 @@ def reconstruct(
         raise ImageError(
             f"{len(channels)} channels want a photograph of as many colours, got one of shape {photograph.shape}"
         )
+    _check_views(rig)
     if not 64 <= memory_mib < float("inf"):
         raise SetupError(f"matching needs at least 64 MiB of memory, got {memory_mib}; 1024 is usual")
     depths = rig.check_depths(depths or rig.working_depths)
@@ -101,8 +102,7 @@ def plan_of(
     progress : callable, optional
         Called as ``progress(done, total)``.
     """
-    if len(rig) < 2:
-        raise OpticError(f"depth needs at least two views, but this setup gives {len(rig)}")
+    _check_views(rig)
     rigs = check_channels(channels or rig)
     if rigs[len(rigs) // 2] is not rig:
         raise SetupError("of rigs for red, green and blue, rig must be that of green: rig=channels[1]")
@@ -130,6 +130,11 @@ def as_photograph(photograph: np.ndarray, rig: Rig) -> np.ndarray:
             f"wanted ({height}, {width}) or ({height}, {width}, 3)"
         )
     return photograph
+
+
+def _check_views(rig):
+    if len(rig) < 2:
+        raise OpticError(f"depth needs at least two views, but this setup gives {len(rig)}")
 
 
 def _named(progress, name):

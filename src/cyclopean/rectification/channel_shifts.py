@@ -15,12 +15,14 @@ _EDGE = 16  # px beside a view's border that the coarse scale smears
 _FEWEST = 1000  # pixels
 _ALIKE = 0.1  # least correlation of two channels that can be compared: colours of one texture may differ much
 _ROUNDS = 8
+_BLOCK = 64  # px, side of the parts of a window whose errors are taken as independent
 
 
 class ChannelShifts(NamedTuple):
     """Shifts of the channels of a photograph against green, in each view."""
 
     shifts: np.ndarray  # (V, 3, 2) px: what green shows at x, a channel shows at x + shift; NaN where not alike
+    sigma: np.ndarray  # (V, 3) px, standard deviation of each shift, in the direction in which it is largest
     correlation: np.ndarray  # (V, 3), of each channel with green once it is shifted
 
     @property
@@ -44,24 +46,26 @@ def channel_shifts(photograph: np.ndarray, rig: Rig) -> ChannelShifts:
     -------
     ChannelShifts
         One mean shift for each view, from a window of at most 512 px in its middle: phase correlation, then
-        Gauss-Newton on the difference of the channels, after a band-pass. Shifts up to some 20 px are found.
+        Gauss-Newton on the difference of the channels, after a band-pass. Shifts up to some 20 px are found. Sigma
+        is large where the colours of the texture differ much: it comes from the scatter of parts of the window.
 
     References
     ----------
     Kuglin and Hines 1975, The phase correlation image alignment method.
     Lucas and Kanade 1981, An iterative image registration technique (section 4).
+    Liang and Zeger 1986, Longitudinal data analysis using generalized linear models (covariance of clusters).
     """
     photograph = np.asarray(photograph)
     if photograph.ndim != 3 or photograph.shape[2] != 3:
         raise ImageError(f"colour channels are those of a photograph (H, W, 3), got {photograph.shape}")
-    shifts, alike = np.zeros((len(rig), 3, 2)), np.ones((len(rig), 3))
+    shifts, sigma, alike = np.zeros((len(rig), 3, 2)), np.zeros((len(rig), 3)), np.ones((len(rig), 3))
     for k, view in enumerate(rig):
         window, inside = _window(view.region)
         channels = [_detail(photograph[(*window, c)]) for c in range(3)]
         for c in (0, 2):
-            shifts[k, c], alike[k, c] = _shift(channels[1], channels[c], inside)
-    shifts[alike < _ALIKE] = np.nan
-    return ChannelShifts(shifts, alike)
+            shifts[k, c], sigma[k, c], alike[k, c] = _shift(channels[1], channels[c], inside)
+    shifts[alike < _ALIKE] = sigma[alike < _ALIKE] = np.nan
+    return ChannelShifts(shifts, sigma, alike)
 
 
 def _window(region):
@@ -87,12 +91,12 @@ def _detail(channel):
 
 
 def _shift(first, second, inside):
-    """Shift (2,) px of `second` against `first`, and their correlation once it is taken off."""
+    """Shift (2,) px of `second` against `first`, its standard deviation, and their correlation once it is taken off."""
     import cv2
     from scipy.ndimage import map_coordinates, spline_filter
 
     if np.count_nonzero(inside) < _FEWEST:
-        return np.full(2, np.nan), 0.0
+        return np.full(2, np.nan), np.nan, 0.0
     taper = cv2.GaussianBlur(inside.astype(np.float32), (0, 0), _EDGE / 2)
     shift = np.array(cv2.phaseCorrelate(np.float64(first * taper), np.float64(second * taper))[0])
     if np.linalg.norm(shift) > 1.25 * _EDGE:
@@ -109,4 +113,13 @@ def _shift(first, second, inside):
         if not np.linalg.norm(step) > 3e-3:
             break
     scale = np.sqrt(np.sum(got**2) * np.sum(wanted**2))
-    return shift, float(np.sum(got * wanted) / scale) if scale > 0 else 0.0
+    blocks = rows // _BLOCK * (1 + columns.max() // _BLOCK) + columns // _BLOCK
+    sigma = _scatter(contrast * slopes, contrast * wanted - got, blocks)
+    return shift, sigma, float(np.sum(got * wanted) / scale) if scale > 0 else 0.0
+
+
+def _scatter(slopes, left, blocks):
+    """Standard deviation of a least-squares solution with slopes (N, 2), from what is left (N,) in each block (N,)."""
+    pulls = np.stack([np.bincount(blocks, slopes[:, axis] * left) for axis in range(2)])
+    inverse = np.linalg.pinv(slopes.T @ slopes)
+    return float(np.sqrt(np.linalg.eigvalsh(inverse @ (pulls @ pulls.T) @ inverse)[-1]))
