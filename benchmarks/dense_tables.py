@@ -71,8 +71,11 @@ def real(figures: dict[str, float]) -> str:
         "tsukuba_2views": "Tsukuba, 2 views",
         "tsukuba_3views": "Tsukuba, 3 views",
         "tsukuba_5views": "Tsukuba, 5 views",
+        "tsukuba_2views_fuller": "Tsukuba, 2 views, weak kept",
+        "tsukuba_5views_fuller": "Tsukuba, 5 views, weak kept",
         "aloe_sgbm": "Aloe, OpenCV, 2 views",
         "aloe_2views": "Aloe, 2 views",
+        "aloe_2views_fuller": "Aloe, 2 views, weak kept",
     }
     keys = ("bad1_or_none_percent", "bad1_percent", "bad2_or_none_percent", "bad2_percent", "complete_percent")
     rows = [[name, *(figures[f"{case}_{key}"] for key in (*keys, "seconds"))] for case, name in cases.items()]

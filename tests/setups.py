@@ -33,6 +33,12 @@ SETUPS = {
 }
 
 
+def mirrors_beside() -> Mirrors:
+    """A mirror on each side of the direct view: two mirrored views and one that is not."""
+    sides = (Mirror((side * 40.0, 0.0, 200.0), (-side, 0.0, -0.02), (300.0, 200.0)) for side in (-1, 1))
+    return Mirrors(tuple(sides), direct=True)
+
+
 def random_pixels(setup: Setup, count: int, seed: int = 5) -> np.ndarray:
     """Pixels (count, 2) all over the image."""
     return np.random.default_rng(seed).uniform(0, np.array(setup.camera.size) - 1, (count, 2))

@@ -216,14 +216,6 @@ def test_bands_lie_around_what_is_known():
     assert outside.count[3, 3] == 1
 
 
-def test_refined_bands_hold_the_same_hypotheses():
-    _, bands, _, _ = problem(8, tile=16)
-    fine = bands.refined((89, 76))
-    assert (fine.depths, fine.tile) == (99, 32)
-    np.testing.assert_array_equal(fine.first, 2 * bands.first)
-    np.testing.assert_array_equal(fine.first + fine.count - 1, 2 * (bands.first + bands.count - 1))
-
-
 def test_rounded_bands_hold_the_old_ones():
     _, bands, _, _ = problem(9)
     wide = bands.rounded()

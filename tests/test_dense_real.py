@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks import dense_real, dense_scaling
+from benchmarks import dense_real, dense_scaling, dense_truth
 from cyclopean import reconstruct
 
 
@@ -31,6 +31,23 @@ def test_judging_counts_what_is_missing_as_wrong():
     assert figures["bad2_or_none_percent"] == 50
     assert figures["bad2_percent"] == pytest.approx(100 / 3)
     assert figures["median_px"] == 1.5
+
+
+def test_errors_of_parallel_cameras_in_px_follow_their_law():
+    pictures, centres = [np.zeros((30, 40), np.uint8)] * 3, np.array([[0.0, 0.0], [1.0, 0.0], [0.5, -2.0]])
+    photograph, rig = dense_real.side_by_side(pictures, centres)
+    depth, height, width = 50.0, *photograph.shape
+    points = np.full((height, width, 3), depth)
+    truth = dense_truth.Scene(setup=None, photograph=photograph, step=1, points=points)
+    motion = dense_truth.motions(rig, truth)
+    expected = dense_real.FOCAL * np.linalg.norm(centres[:, None] - centres, axis=-1)
+    for k, mask in enumerate(rig.masks):
+        others = [j for j in range(3) if j != k]
+        # a pixel moves by focal length x baseline x change of inverse depth; 1e-6: differences of numbers near 1e-2
+        np.testing.assert_allclose(motion[mask][:, others], np.broadcast_to(expected[k, others], (mask.sum(), 2)), 1e-6)
+    away = 1 / (1 / depth + 0.25 / dense_real.FOCAL)  # a quarter of a px at a baseline of 1
+    figures = dense_truth.judged(np.full(9, away), np.full(9, depth), motion=np.full(9, dense_real.FOCAL))
+    assert figures["rms98_px"] == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize("views", [2, 3])

@@ -154,12 +154,16 @@ def test_gain_and_offset_of_a_view_do_not_matter(tilted):
         assert np.isfinite(change).sum() > 0.98 * np.isfinite(before.inverse_depth).sum()
 
 
-@pytest.mark.parametrize("change", [lambda i: i.astype(np.uint16) * 257, lambda i: i / 255])
+@pytest.mark.parametrize("change", [lambda i: i.astype(np.uint16) * 257, lambda i: i / 255], ids=["16 bits", "real"])
 def test_types_do_not_matter(tilted, change):
     ready, image, maps = tilted
-    for found, before in zip(match(change(image), ready), maps, strict=True):
-        difference = steps_of(VIEWS, found) - steps_of(VIEWS, before)
-        assert np.nanpercentile(np.abs(difference), 99) < 0.02  # steps; floats are scaled by the brightest pixel
+    for view, (found, before) in enumerate(zip(match(change(image), ready), maps, strict=True)):
+        difference = np.abs(steps_of(VIEWS, found) - steps_of(VIEWS, before))
+        step = VIEWS.inverse[1] - VIEWS.inverse[0]
+        # real numbers are scaled by their brightest pixels: here the contrast becomes 3 % higher
+        assert np.nanpercentile(difference[VIEWS.seen(VIEWS.truth(SLANTED, view), view)], 99) < 0.005  # steps
+        # at a rim that no other view shows all costs are alike, and the search may choose otherwise: but within sigma
+        assert np.nanpercentile(difference * step / before.sigma, 99) < 1
         assert np.isfinite(difference).sum() > 0.98 * np.isfinite(before.inverse_depth).sum()
 
 

@@ -72,12 +72,14 @@ def test_median_takes_unknown_for_farthest(rng):
 # Cross-check
 
 
-def test_agreement_counts_witnesses(rng):
+@pytest.mark.parametrize("hidden", [False, True])
+def test_agreement_counts_witnesses(rng, hidden):
     ready = plan(VIEWS.warps(crooked=0.3))
     maps = [rng.integers(0, 4, VIEWS.size[::-1]).astype(np.float32) * 3 for _ in range(3)]
     for one in maps:
         one[rng.random(one.shape) < 0.2] = np.nan
-    for number, found in enumerate(agreement.agreement(ready, maps, 1.0)):
+    tolerances = (1.0, 4.0, 1.0)  # hypotheses; maps are whole multiples of 3
+    for number, found in enumerate(agreement.agreement(ready, maps, tolerances, hidden=hidden)):
         depth, (x, y) = maps[number], VIEWS.grid()
         at = slow_places(ready.warps[number], x, y, np.nan_to_num(depth))[:, 0]
         (agree, against), tie = np.zeros((2, *depth.shape), int), np.zeros(depth.shape, bool)
@@ -89,8 +91,9 @@ def test_agreement_counts_witnesses(rng):
             there = np.where(inside, maps[view][np.where(inside, j, 0), np.where(inside, i, 0)], np.nan)
             box = VIEWS.masks[view][ready.boxes[view]]
             there = np.where(inside & box[np.where(inside, j, 0), np.where(inside, i, 0)], there, np.nan)
-            agree += np.abs(depth - there) <= 1
-            against += depth - there > 1
+            nearer = depth - there
+            agree += (nearer <= tolerances[number]) if hidden else (np.abs(nearer) <= tolerances[number])
+            against += nearer > tolerances[number]
         expected = (agree > 0) & (agree >= against)
         np.testing.assert_array_equal(found[~tie], expected[~tie])
         assert 0.1 < found.mean() < 0.9

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from scenes import photograph_plane, small_setup
+from setups import mirrors_beside
 
-from cyclopean import Mirror, Mirrors, Plate, Setup
+from cyclopean import Plate, Setup
 from cyclopean.errors import ImageError, OpticError, SetupError
 from cyclopean.pipeline import plan_of, reconstruct
 
@@ -109,8 +110,7 @@ def test_views_are_kept_as_they_are_made(plane):
 
 
 def test_mirrors_are_nothing_special():
-    mirrors = tuple(Mirror((side * 40.0, 0.0, 200.0), (-side, 0.0, -0.02), (300.0, 200.0)) for side in (-1, 1))
-    setup = Setup(small_setup().camera, Mirrors(mirrors, direct=True))
+    setup = Setup(small_setup().camera, mirrors_beside())
     rig = setup.rig()
     assert [view.mirrored for view in rig] == [True, True, False]
     depth = 700.0
@@ -186,10 +186,3 @@ def test_too_little_memory_is_refused(plane, memory):
     rig, photograph, _, _ = plane
     with pytest.raises(SetupError, match="at least 64 MiB"):
         reconstruct(photograph, rig, memory_mib=memory)
-
-
-def test_memory_does_not_show(plane):
-    rig, photograph, _, result = plane
-    for memory in (64, 4096):
-        found = reconstruct(photograph, rig, (500.0, 1200.0), memory_mib=memory)
-        np.testing.assert_array_equal(found.depth, result.depth)

@@ -4,7 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from setups import SETUPS, STRAIGHT
+from setups import SETUPS, STRAIGHT, mirrors_beside
+from shifted_views import slow_places
 
 from benchmarks.data import renderer_setup
 from cyclopean import Mirror, Mirrors, Plate, Prism, Setup
@@ -28,8 +29,7 @@ def rig_of(name):
     if name in SETUPS:
         return SETUPS[name].rig()
     if name == "mirrors beside a direct view":
-        mirrors = tuple(Mirror((side * 40.0, 0.0, 200.0), (-side, 0.0, -0.02), (300.0, 200.0)) for side in (-1, 1))
-        return Setup(STRAIGHT, Mirrors(mirrors, direct=True)).rig()
+        return Setup(STRAIGHT, mirrors_beside()).rig()
     if name == "pinholes":
         rig = rig_of(RIGS[1])
         return pinhole_rig([fit(view, DEPTHS) for view in rig], rig.views)
@@ -92,19 +92,8 @@ def test_views_that_share_nothing_cannot_be_swept():
 
 def followed(warps, pixels, inverse):
     """Where maps put pixels (N, 2) of the photograph at inverse depths (N,): (V-1, N, 2) px, of the first channel."""
-    ends = warps.inverse_depths[[0, -1]]
-    s = 2 * (inverse - ends[0]) / (ends[1] - ends[0]) - 1
-    place = (pixels - warps.origin) / warps.spacing
-    cell = np.minimum(np.floor(place).astype(int), np.array(warps.lattice)[::-1] - 2)
-    (column, row), (u, v) = cell.T, (place - cell).T[..., None]
-    nodes, powers = warps.coefficients[:, 0].astype(float), s[:, None] ** np.arange(warps.coefficients.shape[-1])
-
-    def at(rows, columns):
-        return np.einsum("vnak,nk->vna", nodes[:, rows, columns], powers)
-
-    above = (1 - u) * at(row, column) + u * at(row, column + 1)
-    below = (1 - u) * at(row + 1, column) + u * at(row + 1, column + 1)
-    return (1 - v) * above + v * below
+    x, y = (pixels - warps.origin).T
+    return slow_places(warps, x, y, (inverse - warps.inverse_depths[0]) / warps.step)[:, 0]
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -19,6 +19,7 @@ def reconstruct(
     memory: float = 1024,
     threads: Whole | None = None,
     channel: Literal["all", "red", "green", "blue"] = "all",
+    strict: bool = True,
     matcher: str = "cyclopean",
     scale: Literal[1, 2] = 2,
     mesh: Literal["ply", "stl", "obj"] | None = None,
@@ -51,6 +52,9 @@ def reconstruct(
         Colour channel to match. Glass bends colours differently. All are matched along their own rays where the
         setup file states channel_wavelengths_nm, or where three setups are given; elsewhere, in white light, one
         channel is far better than all.
+    strict
+        With --no-strict our own matcher also keeps depths of weakly textured pixels that only half the resolution and
+        their neighbours tell, with a larger sigma: a fuller map of which more is wrong.
     matcher
         What matches: cyclopean, our own, all views at once along true rays; sgbm or sgbm-3way, OpenCV's in colour
         and its fastest in grey, on rectified pairs; or a function of yours on rectified pairs, FILE.py:FUNCTION or
@@ -65,7 +69,19 @@ def reconstruct(
     from ..jobs.reconstruction import run_reconstruction
 
     run_reconstruction(
-        photo, setup, output, parse_depths(depth), step, memory, threads, channel, matcher, scale, mesh, mesh_step
+        photo,
+        setup,
+        output,
+        parse_depths(depth),
+        step,
+        memory,
+        threads,
+        channel=channel,
+        strict=strict,
+        matcher=matcher,
+        scale=scale,
+        mesh=mesh,
+        mesh_step=mesh_step,
     )
 
 

@@ -40,7 +40,8 @@ class Warps:
     @property
     def lattice(self) -> tuple[int, int]:
         """Rows and columns of nodes, (Ny, Nx)."""
-        return (self.size[1] - 2) // self.spacing + 2, (self.size[0] - 2) // self.spacing + 2
+        rows, columns = (max(length - 2, 0) // self.spacing + 2 for length in self.size[::-1])
+        return rows, columns
 
     @property
     def step(self) -> float:

@@ -30,14 +30,15 @@ class Engine(NamedTuple):
     settings: list[tuple[str, str]]  # name and value, for the report
 
 
-def chosen_engine(words: str, scale: float, step: float, memory_mib: float) -> Engine:
+def chosen_engine(words: str, scale: float, step: float, memory_mib: float, strict: bool = True) -> Engine:
     """Our own matcher, or rectified pairs with the one that `words` stand for (`find_matcher`)."""
     from .. import pipeline
 
     matcher = find_matcher(words)
     if matcher is None:
-        run = partial(pipeline.reconstruct, step=step, memory_mib=memory_mib)
-        return Engine(run, [("matcher", words), ("step between hypotheses (px)", f"{step:g}")])
+        kept = ("depths kept", "that pixels tell by themselves" if strict else "also weak ones (--no-strict)")
+        run = partial(pipeline.reconstruct, step=step, memory_mib=memory_mib, strict=strict)
+        return Engine(run, [("matcher", words), ("step between hypotheses (px)", f"{step:g}"), kept])
     run = partial(pipeline.reconstruct_by_pairs, matcher=matcher, scale=scale, warn=_warn)
     settings = [
         ("matcher", f"{words}, on rectified pairs"),

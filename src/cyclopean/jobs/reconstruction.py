@@ -46,6 +46,7 @@ def run_reconstruction(
     memory_mib: float,
     threads: int | None,
     channel: str = "all",
+    strict: bool = True,
     matcher: str = "cyclopean",
     scale: float = 2,
     mesh: str | None = None,
@@ -55,7 +56,7 @@ def run_reconstruction(
     started = time.perf_counter()
     if mesh and mesh_step < 1:
         raise SetupError(f"--mesh-step must be 1 px or more, got {mesh_step}")
-    engine = chosen_engine(matcher, scale, step, memory_mib)
+    engine = chosen_engine(matcher, scale, step, memory_mib, strict)
     settings = engine.settings
     setup_files = [setup_file] if isinstance(setup_file, Path) else list(setup_file)
     setups = read_setups(setup_files)

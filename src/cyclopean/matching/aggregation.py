@@ -67,7 +67,7 @@ def search(fill, bands, mask, small, large, *, rows_per_strip=None, paths=8, rid
     ridge : (h, w) float32 array, optional, written
         How much worse than the best the worst hypothesis between the best and the second best is, in the units of
         the margin. A second valley as deep as the first has a margin of 0 behind a ridge; within one broad valley
-        the ridge is no higher than the margin.
+        the ridge is no higher than the margin. 0 without a second.
 
     Returns
     -------
@@ -332,5 +332,7 @@ def _decide(totals, alive, stride, first, count, paths, steps, margin, ridge):
                 left, right = np.int64(totals[place + k - 1]) - least, np.int64(totals[place + k + 1]) - least
                 fraction = np.float32(0.5) * np.float32(left - right) / np.float32(max(left + right, 1))
             steps[x] = np.float32(first + k) + fraction
-            margin[x] = np.float32(second - least) * scale if second < NOTHING else np.float32(np.inf)
-            ridge[x] = np.float32(_highest(totals, place, k, following & 65535) - least) * scale
+            margin[x], ridge[x] = np.float32(np.inf), np.float32(0)
+            if second < NOTHING:
+                margin[x] = np.float32(second - least) * scale
+                ridge[x] = np.float32(_highest(totals, place, k, following & 65535) - least) * scale

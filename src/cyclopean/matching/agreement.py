@@ -5,23 +5,24 @@ from numba import njit, prange
 
 from .places import FAST, MARGIN, follow, row_of_polynomials
 
+_ANY = 1e6  # hypotheses, more than there are
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def _compare(depth, places, frame, flat, tolerance, agree, objecting):
+def _compare(depth, places, frame, flat, tolerance, hidden, agree, objecting):
     """Look one row up in the map of another view."""
     left, top, width, height = frame[0], frame[1], frame[2], frame[3]
     for x in range(len(depth)):
         i = np.int32(min(max(places[0, x] - left + _HALF, _ZERO), width - _ONE))
         j = np.int32(min(max(places[1, x] - top + _HALF, _ZERO), height - _ONE))
         nearer = depth[x] - flat[np.uint32(j * np.int32(width) + i)]  # NaN on the rim and where nothing is known
-        agree[x] += _ONE if abs(nearer) <= tolerance else _ZERO
+        agree[x] += _ONE if nearer <= tolerance and nearer >= -hidden else _ZERO
         objecting[x] += _ONE if nearer > tolerance else _ZERO
 
 
 @njit(parallel=True, cache=True, fastmath=FAST, error_model="numpy")
-def _checked(depth, lines, spacing, half, others, frames, starts, maps, tolerance):
+def _checked(depth, lines, spacing, half, others, frames, starts, maps, tolerance, hidden):
     height, width = depth.shape
     good = np.zeros((height, width), np.bool_)
     channels, count = len(lines) // len(others), lines.shape[2] // 2
@@ -36,13 +37,13 @@ def _checked(depth, lines, spacing, half, others, frames, starts, maps, toleranc
             for axis in range(2):
                 follow(polynomials[axis * count : (axis + 1) * count], s, places[axis])
             flat = maps[starts[view] : starts[view + 1]]
-            _compare(depth[y], places, frames[view], flat, tolerance, agree, objecting)
+            _compare(depth[y], places, frames[view], flat, tolerance, hidden, agree, objecting)
         for x in range(width):
             good[y, x] = agree[x] > 0 and agree[x] >= objecting[x]
     return good
 
 
-def agreement(plan, maps, tolerance):
+def agreement(plan, maps, tolerances, hidden=False):
     """Say which pixels of each depth map survive a look at those of the other views.
 
     Each pixel is looked up in the other maps where its own depth puts it. A view agrees if it has the same inverse
@@ -55,8 +56,10 @@ def agreement(plan, maps, tolerance):
         Maps between the views.
     maps : sequence of (h, w) float32 arrays
         Inverse depth of each view's box in hypotheses; NaN unknown.
-    tolerance : float
-        Largest difference between maps that agree, hypotheses.
+    tolerances : sequence of float
+        Largest difference between each view's map and others that agree, hypotheses.
+    hidden : bool
+        Whether a view that shows something nearer counts as one that agrees: what it hides may be there.
 
     Returns
     -------
@@ -65,8 +68,9 @@ def agreement(plan, maps, tolerance):
     """
     layout = plan.layouts[0]
     flat = layout.packed([[one] for one in maps])[0] + layout.hidden
-    arrays = layout.frames, layout.starts, flat, np.float32(tolerance)
+    arrays = layout.frames, layout.starts, flat
+    limits = [(np.float32(one), np.float32(_ANY if hidden else one)) for one in tolerances]
     return [
-        _checked(one, reference.lines[1], reference.spacing, reference.half(1), reference.others, *arrays)
-        for one, reference in zip(maps, plan.references, strict=True)
+        _checked(one, own.lines[1], own.spacing, own.half(1), own.others, *arrays, *limits)
+        for one, own, limits in zip(maps, plan.references, limits, strict=True)
     ]

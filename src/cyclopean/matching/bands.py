@@ -89,18 +89,6 @@ class Bands:
         last = np.clip(np.ceil(high), 0, depths - 1).astype(np.int32)
         return cls(steps.shape[::-1], depths, tile, first, last - first + 1)
 
-    def refined(self, size):
-        """The same bands for a picture of twice the size and twice as fine hypotheses: number 2 k is number k here.
-
-        Parameters
-        ----------
-        size : (width, height)
-            Of the finer box, whose pixels 2 i and 2 i + 1 are pixel i here.
-        """
-        if tuple(-(-length // 2) for length in size) != tuple(self.size):
-            raise ShapeError(f"a box of {tuple(size)} px is not twice one of {tuple(self.size)} px")
-        return Bands(tuple(size), 2 * self.depths - 1, 2 * self.tile, 2 * self.first, 2 * self.count - 1)
-
     def rounded(self, multiple=LANES):
         """Wider bands, of a multiple of some hypotheses where there are as many: they cost the aggregation nothing."""
         count = np.minimum(-(-self.count // multiple) * multiple, self.depths)

@@ -10,6 +10,12 @@ TILE = 64  # px, rows and columns worked on together
 _WIDE = TILE + 2  # with the margin of the windows, whose half width is one
 _NOISE = np.float32(1)  # variance of a grey level below which windows count as blank
 _CEILING = np.float32(0.7)  # 1 - ZNCC of views that show something else
+_BY_WINDOW, _BY_PIXEL = np.float32(0.5), np.float32(0.5)  # shares of the cost: ZNCC of windows, difference of pixels
+_PER_UNLIKE, _PER_GREY = _BY_WINDOW / _CEILING, _BY_PIXEL / np.float32(30)  # grey levels apart: something else
+_BEST = np.float32(0.5)  # share of the better half of the views, because something may hide the pixel from the others
+_FAR = np.float32(100)  # a cost above all
+_ENOUGH = 100  # pixels that tell how bright views are
+_SAME_MEAN, _SAME, _MOST_GAIN = 12, 1.25, 3  # grey levels and contrast apart that are left alone; largest gain
 _UNSEEN = np.float32(0.55)  # cost, of 0 to 1, of what no view sees: neither good nor bad
 _ZERO, _HALF, _ONE, _TWO = np.float32(0), np.float32(0.5), np.float32(1), np.float32(2)
 _SHARE = np.float32(1 / 16)  # of a window whose weights are 1 2 1 down and across
@@ -88,22 +94,65 @@ def _moments(sums, mean, power):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def _add_cost(sums, mean, power, total, count):
-    """Add 1 - ZNCC of every window, cut off at the ceiling; windows of which something is unseen say nothing."""
+def _unlike(sums, mean, power, one):
+    """Add 1 - ZNCC of every window, cut off at the ceiling; NaN where something of it is unseen."""
     for x in range(TILE):
         w = sums[x] * _SHARE
         variance = sums[TILE + x] * _SHARE - w * w + _NOISE
         both = sums[2 * TILE + x] * _SHARE - w * mean[x]
         cost = _ONE - both / np.sqrt(max(variance * power[x], np.float32(1e-6)))
-        seen = cost < np.float32(4)  # not so for NaN
-        total[x] += min(cost, _CEILING) if seen else _ZERO
+        one[x] += (cost if cost < _CEILING else _CEILING) * _PER_UNLIKE if cost == cost else cost
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _apart(w, r, one):
+    """Add the difference of every pixel, cut off."""
+    for x in range(TILE):
+        apart = abs(w[x] - r[x]) * _PER_GREY
+        one[x] += apart if apart < _BY_PIXEL else _BY_PIXEL
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _add_cost(one, share, total, count):
+    for x in range(TILE):
+        seen = one[x] == one[x]
+        total[x] += share * one[x] if seen else _ZERO
         count[x] += _ONE if seen else _ZERO
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _known(one):
+    for x in range(TILE):
+        one[x] = one[x] if one[x] == one[x] else _FAR
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _insert(one, slot):
+    """Leave the smaller of two costs in the slot, hand on the larger one."""
+    for x in range(TILE):
+        a, b = slot[x], one[x]
+        slot[x] = a if a < b else b
+        one[x] = b if a < b else a
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _add(a, b):
+    for x in range(TILE):
+        a[x] += b[x]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _blend(few, share, total, count):
+    """Replace sums over all views by means of those and of the sums over the best half, where so many see the pixel."""
+    for x in range(TILE):
+        mixed = total[x] * (_ONE - _BEST) + few[x] * share * _BEST * count[x]
+        total[x] = mixed if few[x] < _FAR else total[x]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def _levels(total, count, plane):
     for x in range(TILE):
-        cost = total[x] / (count[x] * _CEILING + np.float32(1e-9)) if count[x] > _ZERO else _UNSEEN
+        cost = total[x] / count[x] if count[x] > _ZERO else _UNSEEN
         plane[x] = np.int32(max(cost, _ZERO) * np.float32(255) + _HALF) & 255
 
 
@@ -127,10 +176,13 @@ def _prepared(own, lines, spacing, stride, y0, x0, rows, places, r, mean, power)
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def _plane(s, others, frames, starts, values, places, rows, r, mean, power, room, plane):
     """Costs of one hypothesis for one tile."""
-    total, count, w, work, at, columns, sums = room
+    total, count, w, work, at, columns, sums, ones, slots = room
     total[:] = 0
     count[:] = 0
-    channels = len(values)
+    ones[:] = 0
+    slots[:] = _FAR
+    channels, best = len(values), (len(others) + 1) // 2
+    share = _ONE / np.float32(channels)
     for look in range(len(places)):
         view, c = others[look // channels], look % channels
         flat = values[c, starts[view] : starts[view + 1]]
@@ -139,8 +191,21 @@ def _plane(s, others, frames, starts, values, places, rows, r, mean, power, room
         for j in range(rows):
             _down(w[j * _WIDE :], r[c, j * _WIDE :], columns)
             _across(columns, sums)
-            _add_cost(sums, mean[c, j], power[c, j], total[j], count[j])
+            here = (j + 1) * _WIDE + 1
+            _unlike(sums, mean[c, j], power[c, j], ones[j])
+            _apart(w[here:], r[c, here:], ones[j])
+            if c == channels - 1:
+                _add_cost(ones[j], share, total[j], count[j])
+                if best < len(others):
+                    _known(ones[j])
+                    for k in range(best):
+                        _insert(ones[j], slots[j, k])
+                ones[j] = 0
     for j in range(rows):
+        if best < len(others):
+            for k in range(1, best):
+                _add(slots[j, 0], slots[j, k])
+            _blend(slots[j, 0], share / np.float32(best), total[j], count[j])
         _levels(total[j], count[j], plane[j])
 
 
@@ -189,6 +254,8 @@ def fill(own, lines, spacing, stride, half, others, frames, starts, values, firs
             np.empty(_WIDE, np.int32),
             np.empty(3 * _WIDE, np.float32),
             np.empty(3 * TILE, np.float32),
+            np.empty((TILE, TILE), np.float32),
+            np.empty((TILE, (len(others) + 1) // 2, TILE), np.float32),
         )
         planes = np.empty((depths, TILE, TILE), np.uint8)
         _prepared(own, lines, spacing, stride, y0, x0, rows, places, r, mean, power)
@@ -207,8 +274,8 @@ def _visible(lines, spacing, stride, half, every, others, frames, starts, weight
         place = np.empty((lines.shape[2], _WIDE), np.float32)
         work, at, seen = np.empty((2, _WIDE), np.float32), np.empty(_WIDE, np.int32), np.empty(_WIDE, np.float32)
         for y in range(band * 16, min(height, band * 16 + 16)):
-            for x0 in range(0, width, _WIDE):
-                count, found = min(_WIDE, width - x0), np.zeros(_WIDE, np.float32)
+            for x0 in range(0, width, TILE):  # lines are long enough for _WIDE from each tile on
+                count, found = min(TILE, width - x0), np.zeros(_WIDE, np.float32)
                 for v in range(len(others)):
                     view = others[v]
                     flat = weights[starts[view] : starts[view + 1]]
@@ -250,6 +317,7 @@ def filler(pictures, reference, level, bands):
     """
     (width, height), finer, stride = bands.size, pictures[level - 1], 2**level
     values = finer.own(reference.number)[:, ::2, ::2]
+    alike = _levelled(finer, reference, stride, values)
     own = np.full((len(values), height + 2 + TILE, width + 2 + TILE), np.nan, np.float32)
     own[:, 1 : height + 1, 1 : width + 1] = values
     maps = reference.lines[stride], reference.spacing, stride, reference.half(stride), reference.others
@@ -259,7 +327,35 @@ def filler(pictures, reference, level, bands):
         start = bands.start[tiles] - bands.start[tiles][0, 0]
         volume = np.empty(bands.places(rows), np.uint8)
         layout = bands.first[tiles], bands.count[tiles], start, (width, rows.stop), rows.start, volume
-        fill(own, *maps, *finer.arrays, *layout)
+        fill(own, *maps, finer.layout.frames, finer.layout.starts, alike, *layout)
         return volume
 
     return costs
+
+
+def _levelled(pictures, reference, stride, own):
+    """Grey levels (C, N) of all pictures, each with the gain and the offset that suit the reference's own (C, h, w).
+
+    They are those that give what both views see at the middle of the depths the same mean and standard deviation.
+    """
+    layout, lines = pictures.layout, reference.lines[stride]
+    (height, width), channels, axis = own.shape[1:], len(own), lines.shape[2] // 2
+    rows = np.arange(0, height, max(reference.spacing // stride, 1))
+    values, mine = pictures.values.copy(), own[:, rows]
+    middle = lines[:, :: max(stride // reference.spacing, 1), :, MARGIN : MARGIN + width][:, : len(rows)]
+    for look in range(len(lines)):
+        view, c = reference.others[look // channels], look % channels
+        left, top, wide, high, scale = layout.frames[view]
+        x = np.clip(np.rint((middle[look, :, 0] - left) * scale), 0, wide - 1).astype(np.int64)
+        y = np.clip(np.rint((middle[look, :, axis] - top) * scale), 0, high - 1).astype(np.int64)
+        part = values[c, layout.starts[view] : layout.starts[view + 1]]
+        there = part[y * int(wide) + x]
+        both = np.isfinite(there) & np.isfinite(mine[c])
+        if both.sum() > _ENOUGH:
+            r, w = mine[c][both], there[both]
+            if abs(r.mean() - w.mean()) < _SAME_MEAN and 1 / _SAME < (r.std() + 1) / (w.std() + 1) < _SAME:
+                continue
+            gain = np.clip(r.std() / max(w.std(), 1e-3), 1 / _MOST_GAIN, _MOST_GAIN)
+            part *= gain
+            part += r.mean() - gain * w.mean()
+    return values

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from ..errors import ShapeError
 from .aggregation import search, strip_bytes
 from .agreement import agreement
 from .bands import Bands
@@ -19,15 +20,15 @@ from .surfaces import doubled, median, smooth
 _CLEAR = 0.15  # second best, of the ridge before it: less is doubtful, as in repeated texture
 _AROUND, _DOUBT = 9, 0.3  # px of half resolution around a pixel, and their doubtful share that takes its depth away
 _ABOUT = 3  # hypotheses tried on both sides of what the coarser level found
-_SMALL, _LARGE = 8, 120  # penalties for a change of depth between neighbours: by one step, by more
-_EDGE, _LEAST = 12, 30  # grey levels a px of change in the picture that halve _LARGE; its least
+_SMALL, _LARGE = 24, 160  # penalties for a change of depth between neighbours: by one step, by more
+_EDGE, _LEAST = 30, 60  # grey levels a px of change in the picture that halve _LARGE; its least
 _ALIKE = 1.5  # variance of the depth, because smoothing makes the noise of neighbours alike
-_MAX_SIGMA = 0.6  # steps, 0.3 px: more is a window without texture
-_MIN_SCORE = 0.6  # less is something else
+_MAX_SIGMA, _MIN_SCORE = 0.3, 0.6  # px, more is a window without texture; correlation, less is something else
+_LOOSE_SIGMA, _LOOSE_SCORE = 0.7, 0.3  # the same at half resolution, where its neighbours may tell a pixel's depth
 _BEFORE = 0.4  # steps, standard deviation of the depth from half resolution where there is little texture
 _OWN, _WINDOW = 3, 9  # px: width of what is near a pixel, and of the last windows
 _SHARE = 0.03  # mean energy of the slopes near a pixel, of that in its window: less is borrowed texture
-_AGREE = 1.0  # steps between maps of two views that agree
+_AGREE, _LOOSE_AGREE = 0.5, 1.0  # px between maps of two views that agree
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,7 @@ class DepthMap:
         )
 
 
-def match(image, plan: Plan, *, memory_mib=1024.0, progress=None, keep=None) -> list[DepthMap]:
+def match(image, plan: Plan, *, memory_mib=1024.0, strict=True, progress=None, keep=None) -> list[DepthMap]:
     """Find the inverse depth of every pixel of every view.
 
     At half the resolution the other views are brought into the reference at every hypothesis and compared (ZNCC), the
@@ -85,6 +86,10 @@ def match(image, plan: Plan, *, memory_mib=1024.0, progress=None, keep=None) -> 
         What is known of the rig, from `plan`.
     memory_mib : float
         Memory for the search, MiB; the results do not depend on it.
+    strict : bool
+        Keep only pixels whose own window tells their depth and that another view confirms. Otherwise also those with
+        little texture, whose depth half resolution and their neighbours tell, and those that other views may not see: a
+        fuller map with more that is wrong.
     progress : callable, optional
         Called as ``progress(done, total)`` now and then.
     keep : callable, optional
@@ -106,14 +111,14 @@ def match(image, plan: Plan, *, memory_mib=1024.0, progress=None, keep=None) -> 
     maps = []
     for reference in plan.references:
         with ALONE:
-            coarse = _searched(prepared, plan, reference, memory_mib, tick)
-            maps.append(_sharpened(prepared, plan, reference, coarse, tick))
+            coarse = _searched(prepared, plan, reference, memory_mib, strict, tick)
+            maps.append(_sharpened(prepared, plan, reference, coarse, strict, tick))
         if keep is not None:
             keep(reference.number, maps[-1])
-    return checked(plan, maps)
+    return checked(plan, maps, strict)
 
 
-def checked(plan: Plan, maps) -> list[DepthMap]:
+def checked(plan: Plan, maps, strict=True) -> list[DepthMap]:
     """Depth maps of all views with only those pixels left that the other views' maps agree with.
 
     Parameters
@@ -122,15 +127,24 @@ def checked(plan: Plan, maps) -> list[DepthMap]:
         Maps between the views.
     maps : sequence of DepthMap
         Of each view, its box that of the plan.
+    strict : bool
+        Whether a pixel needs another view that confirms it, to half a px; otherwise to a px, and a view in which
+        something nearer hides it will do.
     """
+    if len(maps) != len(plan.warps) or any(
+        one.inverse_depth.shape != warps.size[::-1] for one, warps in zip(maps, plan.warps, strict=False)
+    ):
+        shapes = [one.inverse_depth.shape for one in maps]
+        raise ShapeError(f"wanted a map for each view's box, {[w.size[::-1] for w in plan.warps]} px, got {shapes}")
+    tolerances = [(_AGREE if strict else _LOOSE_AGREE) / _motion(warps) for warps in plan.warps]
     first, step = np.float32(plan.warps[0].inverse_depths[0]), np.float32(plan.warps[0].step)
     with ALONE:
-        agreed = agreement(plan, [(one.inverse_depth - first) / step for one in maps], _AGREE)
+        agreed = agreement(plan, [(one.inverse_depth - first) / step for one in maps], tolerances, hidden=not strict)
     return [one.where(good) for one, good in zip(maps, agreed, strict=True)]
 
 
-def _searched(prepared, plan, reference, memory_mib, tick):
-    """Inverse depth in steps of every other pixel, coarse to fine; NaN where several depths fit alike."""
+def _searched(prepared, plan, reference, memory_mib, strict, tick):
+    """Inverse depth in steps of every other pixel, coarse to fine; if strict, NaN where several depths fit alike."""
     steps = doubtful = np.zeros((1, 1), np.float32)
     coarsest = len(reference.lines) - 1
     for level in range(coarsest, 0, -1):
@@ -147,7 +161,7 @@ def _searched(prepared, plan, reference, memory_mib, tick):
         steps, margin = search(fill, bands, mask, _SMALL, _penalties(grey), rows_per_strip=rows, ridge=ridge)
         doubtful = np.maximum(_doubtful(margin, ridge), doubtful)
         tick()
-    return np.where(doubtful > _DOUBT, np.float32(np.nan), 2 * steps)
+    return np.where((doubtful > _DOUBT) & strict, np.float32(np.nan), 2 * steps)
 
 
 def _doubtful(margin, ridge):
@@ -184,12 +198,12 @@ def _penalties(grey):
     return np.maximum(_LARGE / (1 + change / _EDGE), _LEAST).astype(np.uint16)
 
 
-def _sharpened(prepared, plan, reference, steps, tick):
+def _sharpened(prepared, plan, reference, steps, strict, tick):
     """Inverse depth of every pixel, its standard deviation and correlation, from that of every other pixel."""
     smooths, splines = prepared.smooth, prepared.splines
     steps = smooth(steps, 2, np.float32(2))
     for prior in (1.0, 0.5):
-        steps, _, _ = refined(smooths[1], splines[1], reference, steps, passes=2, reach=2.0, prior=prior)
+        steps, *half = refined(smooths[1], splines[1], reference, steps, passes=2, reach=2.0, prior=prior)
         steps = smooth(steps, 2, np.float32(1.5))
     tick()
     size = plan.warps[reference.number].size
@@ -198,10 +212,24 @@ def _sharpened(prepared, plan, reference, steps, tick):
     steps = smooth(steps, 2, np.float32(1))
     steps, sigma, score = refined(smooths[0], splines[0], reference, steps, passes=3, reach=1.5, prior=0.2)
     tick()
+    warps, motion = plan.warps[reference.number], np.float32(_motion(plan.warps[reference.number]))
     sigma *= np.float32(np.sqrt(_ALIKE))
-    warps = plan.warps[reference.number]
-    good = (sigma <= _MAX_SIGMA / np.sqrt(plan.channels)) & (score >= _MIN_SCORE) & warps.reference_mask()
-    good &= (steps >= 0) & (steps <= reference.depths - 1) & _own_texture(smooths[0].own(reference.number))
-    inverse = np.float32(warps.inverse_depths[0]) + steps * np.float32(warps.step)
+    good = (sigma * motion <= _MAX_SIGMA / np.sqrt(plan.channels)) & (score >= _MIN_SCORE)
+    good &= _own_texture(smooths[0].own(reference.number))
     sigma = sigma / np.sqrt(1 + (sigma / np.float32(_BEFORE)) ** 2)  # of both, what was known before and the pictures
+    if not strict:
+        coarse_sigma, coarse_score = (np.repeat(np.repeat(one, 2, 0), 2, 1)[: size[1], : size[0]] for one in half)
+        sigma = np.where(good, sigma, coarse_sigma * np.float32(np.sqrt(_ALIKE)))
+        good |= (coarse_sigma * motion <= _LOOSE_SIGMA) & (coarse_score >= _LOOSE_SCORE)
+    good &= warps.reference_mask() & (steps >= 0) & (steps <= reference.depths - 1)
+    inverse = np.float32(warps.inverse_depths[0]) + steps * np.float32(warps.step)
     return DepthMap(warps.origin, inverse, sigma * np.float32(warps.step), score).where(good)
+
+
+def _motion(warps):
+    """Pixels that a step between hypotheses moves another view's picture, where it moves most inside the photograph."""
+    middle = (len(warps.inverse_depths) - 1) / 2
+    place, move = warps.nodes(middle), warps.nodes(middle + 0.5) - warps.nodes(middle - 0.5)
+    height, width = warps.masks.shape[1:]
+    inside = ((place >= 0) & (place <= (width - 1, height - 1))).all(-1)  # elsewhere it may move at any speed
+    return float(np.max(np.linalg.norm(move, axis=-1), where=inside, initial=1e-6))

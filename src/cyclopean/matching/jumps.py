@@ -83,7 +83,7 @@ def _chosen(own, depth, low, high, lines, spacing, half, others, frames, starts,
             if x // _SPAN != block:
                 block = x // _SPAN
                 for k in range(len(lines)):
-                    _slopes(lines[k], spacing, y, block * _SPAN + MARGIN, slopes[k])
+                    _slopes(lines[k], spacing, y, min(block * _SPAN, max(width - 1 - _SPAN, 0)) + MARGIN, slopes[k])
             least = np.float32(np.inf)
             for candidate in (depth[y, x], low[y, x], high[y, x]):
                 if least < np.inf and abs(candidate - depth[y, x]) <= REACH:

@@ -48,7 +48,7 @@ class Layout:
             width, height = self.frames[view, 2:4].astype(int)
             for channel, plane in enumerate(planes):
                 whole = flat[channel, self.starts[view] : self.starts[view + 1]].reshape(height, width)
-                cv2.copyMakeBorder(plane, RIM, RIM, RIM, RIM, cv2.BORDER_REPLICATE, dst=whole)
+                cv2.copyMakeBorder(np.asarray(plane, np.float32), RIM, RIM, RIM, RIM, cv2.BORDER_REPLICATE, dst=whole)
         return flat
 
 
@@ -111,6 +111,10 @@ def grey_levels(image: np.ndarray, channels: int) -> np.ndarray:
     image = np.asarray(image)
     if image.ndim not in (2, 3) or image.size == 0:
         raise ImageError(f"an image must have shape (H, W) or (H, W, C), got {image.shape}")
+    if image.ndim == 3 and image.shape[2] == 4:
+        image = image[..., :3]  # what is opaque says nothing about the scene
+    if image.ndim == 3 and image.shape[2] not in (1, 3):
+        raise ImageError(f"an image has 1 channel, 3 (RGB) or 4 (RGBA), got {image.shape[2]}")
     if image.dtype.kind not in "uf":
         raise ImageError(f"an image must hold unsigned integers or real numbers, got {image.dtype}")
     if channels > 1 and (image.ndim == 2 or image.shape[2] != channels):

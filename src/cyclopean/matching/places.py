@@ -6,6 +6,7 @@ from numba import njit
 BLOCK = 128  # columns worked on together
 MARGIN = 8  # px that windows may reach beyond them on either side
 _NOWHERE = -1e6  # px, where pixels are seen that have no place: rows between them and others lie outside, too
+_FARTHEST = 1e8  # px: a larger coefficient is no place either, sums of such may be infinite or NaN
 FAST = {"contract", "reassoc", "nsz", "arcp"}  # no "nnan": NaN has a meaning here
 
 
@@ -79,7 +80,7 @@ def lines_of(warps, stride, channels):
     ((V-1) C, Ny, 2 K, width) float32 array
         The coefficients of x, then of y; maps of one view and its channels lie side by side. There are MARGIN
         columns before the box's first, and room for whole blocks of BLOCK columns and a margin behind; those
-        beyond the box repeat its last. What has no place (NaN) lies far outside of all pictures.
+        beyond the box repeat its last. What has no place (NaN, infinite) lies far outside of all pictures.
     """
     coefficients = warps.coefficients
     count = -(-warps.size[0] // stride)
@@ -88,8 +89,9 @@ def lines_of(warps, stride, channels):
     cell = np.minimum(columns // warps.spacing, coefficients.shape[3] - 2)
     t = (columns / warps.spacing - cell).astype(np.float32)
     flat = np.moveaxis(coefficients, 3, -1)  # (V-1, C, Ny, 2, K, Nx)
-    lines = flat[..., cell] * (1 - t) + flat[..., cell + 1] * t
-    nowhere = np.isnan(lines).any((3, 4), keepdims=True)
+    with np.errstate(invalid="ignore", over="ignore"):
+        lines = flat[..., cell] * (1 - t) + flat[..., cell + 1] * t
+    nowhere = ~(np.abs(lines) < _FARTHEST).all((3, 4), keepdims=True)
     lines = np.where(nowhere, np.float32(_NOWHERE) * (np.arange(flat.shape[4]) == 0)[:, None], lines)
     lines = np.repeat(lines, channels // lines.shape[1], axis=1)
     return np.ascontiguousarray(lines.reshape(-1, flat.shape[2], 2 * flat.shape[4], width))

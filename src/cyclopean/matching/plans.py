@@ -11,7 +11,7 @@ from .cost import visible
 from .pictures import Layout, box_of, layouts
 from .places import lines_of
 
-ALONE = threading.Lock()  # one of numba's threading layers aborts when two threads start kernels at once
+ALONE = threading.RLock()  # one of numba's threading layers aborts when two threads start kernels at once
 _MOST = 64  # hypotheses that are tried everywhere; of more, coarser levels say which
 
 
@@ -62,8 +62,9 @@ def plan(warps, channels: int | None = None) -> Plan:
         )
     own = warps[0].coefficients.shape[1]
     channels = channels or own
-    if own > 1 and channels != own:
-        raise ShapeError(f"the maps are for {own} colour channels: all or none can be matched, not {channels}")
+    if channels not in ((own,) if own > 1 else (1, 3)):
+        wanted = "all of them" if own > 1 else "1, their mean, or 3"
+        raise ShapeError(f"the maps are for {own} colour channels: {wanted} can be matched, not {channels}")
     scales = layouts(np.stack([one.masks[0] for one in warps]), max(_levels(depths.pop()), 2))
     references = tuple(_reference(number, one, scales, channels) for number, one in enumerate(warps))
     return Plan(warps, scales, tuple(box_of(one.masks[0]) for one in warps), references, channels)

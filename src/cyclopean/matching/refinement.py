@@ -185,8 +185,8 @@ def _result(total, change, middle, count, depth, sigma, score):
         known = a > 0 and middle[x] < np.float32(_FAR)
         depth[x] = middle[x] + min(max(d, -_ONE), _ONE) if known else np.float32(np.nan)
         sigma[x] = np.sqrt(spread / max(a, _TINY))
-        power = max(total[3 * BLOCK + x] + d * (d * total[6 * BLOCK + x] + _TWO * total[5 * BLOCK + x]), np.float32(1e-3))
-        score[x] = np.sqrt(max(_ONE - left / power, _ZERO))
+        power = total[3 * BLOCK + x] + d * (d * total[6 * BLOCK + x] + _TWO * total[5 * BLOCK + x])
+        score[x] = np.sqrt(max(_ONE - left / max(power, np.float32(1e-3)), _ZERO))
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")

@@ -27,6 +27,7 @@ def reconstruct(
     channels: Sequence[Rig] | None = None,
     step: float = 0.5,
     memory_mib: float = 1024,
+    strict: bool = True,
     progress: Progress | None = None,
     keep: Callable[[int, DepthMap], None] | None = None,
 ) -> Reconstruction:
@@ -47,6 +48,9 @@ def reconstruct(
         Movement between two depth hypotheses in the most sensitive view, px.
     memory_mib : float
         Memory for the search, MiB. Results do not depend on it.
+    strict : bool
+        Keep only depths that a pixel's own window tells and another view confirms. Otherwise the map is fuller,
+        and more of it is wrong.
     progress : callable, optional
         Told (what, done, total) as the work goes on.
     keep : callable, optional
@@ -72,12 +76,14 @@ def reconstruct(
         raise ImageError(
             f"{len(channels)} channels want a photograph of as many colours, got one of shape {photograph.shape}"
         )
-    _check_views(rig)
+    check_views(rig)
     if not 64 <= memory_mib < float("inf"):
         raise SetupError(f"matching needs at least 64 MiB of memory, got {memory_mib}; 1024 is usual")
-    depths = rig.check_depths(depths or rig.working_depths)
+    depths = rig.check_depths(rig.working_depths if depths is None else depths)
     ready = plan_of(rig, depths, step=step, channels=channels, progress=_named(progress, "maps between the views"))
-    maps = match(photograph, ready, memory_mib=memory_mib, progress=_named(progress, "matching"), keep=keep)
+    maps = match(
+        photograph, ready, memory_mib=memory_mib, strict=strict, progress=_named(progress, "matching"), keep=keep
+    )
     return assemble(photograph, rig, depths, maps)
 
 
@@ -102,7 +108,7 @@ def plan_of(
     progress : callable, optional
         Called as ``progress(done, total)``.
     """
-    _check_views(rig)
+    check_views(rig)
     rigs = check_channels(channels or rig)
     if rigs[len(rigs) // 2] is not rig:
         raise SetupError("of rigs for red, green and blue, rig must be that of green: rig=channels[1]")
@@ -132,7 +138,8 @@ def as_photograph(photograph: np.ndarray, rig: Rig) -> np.ndarray:
     return photograph
 
 
-def _check_views(rig):
+def check_views(rig: Rig) -> None:
+    """OpticError where a rig has but one view."""
     if len(rig) < 2:
         raise OpticError(f"depth needs at least two views, but this setup gives {len(rig)}")
 

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import OpticError, SetupError, ShapeError
+from ..errors import SetupError, ShapeError
 from ..geometry import white_level
 from ..matching import DepthMap, checked
 from ..matching.pairwise import PairMatcher, as_disparity
 from ..rectification import Pair, exact_depth, inverse_depths, partners, per_disparity, rectify, tilted_pinhole
 from ..rigs import Rig
-from .dense import Progress, as_photograph, plan_of
+from .dense import Progress, as_photograph, check_views, plan_of
 from .reconstruction import Reconstruction, assemble
 
 DISPARITY_NOISE = 0.1  # px of the photograph, that a disparity is taken to have: that of StereoSGBM in good texture
@@ -80,13 +80,12 @@ def reconstruct_by_pairs(
         Where a pair of views cannot be rectified.
     """
     photograph = as_photograph(photograph, rig)
-    if len(rig) < 2:
-        raise OpticError(f"depth needs at least two views, but this setup gives {len(rig)}")
+    check_views(rig)
     if not 0.1 <= scale <= 8:
         raise SetupError(f"the scale of rectified pictures lies between 0.1 and 8 (1 and 2 are usual), got {scale}")
     if not 0 < noise < np.inf:
         raise SetupError(f"the noise of a disparity must be positive, px, got {noise}")
-    depths = rig.check_depths(depths or rig.working_depths)
+    depths = rig.check_depths(rig.working_depths if depths is None else depths)
     step = np.diff(inverse_depths(rig, depths)[:2])[0]  # 1/mm: half a pixel in the most sensitive view
     picture, masks = _integers(photograph), rig.masks
     cameras = [tilted_pinhole(view, depths) for view in rig]

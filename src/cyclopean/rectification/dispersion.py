@@ -285,8 +285,6 @@ def _resampled(spline, own, lattice, out=None):
 
 def _between(nodes, u, v):
     """Values (N, 2) of lattice nodes (Ny, Nx, 2) at columns u and rows v (N,), bilinear."""
-    column, row = u.astype(int), v.astype(int)
-    u, v = (u - column)[:, None], (v - row)[:, None]
-    above = (1 - u) * nodes[row, column] + u * nodes[row, column + 1]
-    below = (1 - u) * nodes[row + 1, column] + u * nodes[row + 1, column + 1]
-    return (1 - v) * above + v * below
+    from scipy.ndimage import map_coordinates
+
+    return np.stack([map_coordinates(nodes[..., axis], [v, u], order=1) for axis in range(2)], axis=-1)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..errors import SetupError
 from ..geometry import Rays, Warps
 from ..rigs import Rig
+from ..rigs.regions import on_mask
 from .dispersion import check_channels, places
 
 TOLERANCE = 0.01  # px, largest error of the maps between points that are projected exactly
@@ -180,15 +181,6 @@ def _error(exact, warps, near, offset):
     found = np.stack([warps.nodes(step) for step in (probes + 1) / 2 * (len(warps.inverse_depths) - 1)], axis=1)
     if offset:
         found = (found[..., 1:, 1:, :] + found[..., 1:, :-1, :] + found[..., :-1, 1:, :] + found[..., :-1, :-1, :]) / 4
-    counts = np.stack([_inside(mask, true[k]) for k, mask in enumerate(near[1:])]) & _inside(near[0], grid)
+    counts = np.stack([on_mask(mask, true[k]) for k, mask in enumerate(near[1:])]) & on_mask(near[0], grid)
     counts &= np.isfinite(found).all(-1)  # maps that lack a node say so
     return float(np.max(np.linalg.norm(true - found, axis=-1), where=counts, initial=0.0))
-
-
-def _inside(mask, pixels):
-    """Whether pixels (..., 2) lie on a mask (H, W)."""
-    height, width = mask.shape
-    with np.errstate(invalid="ignore"):
-        good = ((pixels > -0.5) & (pixels < np.array([width, height]) - 0.5)).all(-1)
-    x, y = np.moveaxis(np.rint(np.where(good[..., None], pixels, 0)).astype(int), -1, 0)
-    return good & mask[y, x]

@@ -67,17 +67,22 @@ class Region:
 
     def contains(self, pixels: ArrayLike) -> np.ndarray:
         """True (...,) where pixels (..., 2) fall on the mask; False for NaN."""
-        pixels = as_pixels(pixels)
-        height, width = self.mask.shape
-        good = np.isfinite(pixels).all(-1)
-        nearest = np.rint(np.where(good[..., None], pixels, -1.0))
-        good &= ((nearest >= 0) & (nearest < [width, height])).all(-1)
-        column, row = np.moveaxis(np.where(good[..., None], nearest, 0).astype(int), -1, 0)
-        return good & self.mask[row, column]
+        return on_mask(self.mask, pixels)
 
     def with_margin(self, margin: float) -> Region:
         """The same region with another margin (px)."""
         return replace(self, margin=margin)
+
+
+def on_mask(mask: np.ndarray, pixels: ArrayLike) -> np.ndarray:
+    """True (...,) where pixels (..., 2) fall on a mask (H, W) bool; False for NaN."""
+    pixels = as_pixels(pixels)
+    height, width = mask.shape
+    good = np.isfinite(pixels).all(-1)
+    nearest = np.rint(np.where(good[..., None], pixels, -1.0))
+    good &= ((nearest >= 0) & (nearest < [width, height])).all(-1)
+    column, row = np.moveaxis(np.where(good[..., None], nearest, 0).astype(int), -1, 0)
+    return good & mask[row, column]
 
 
 def pixel_grid(size: tuple[int, int]) -> np.ndarray:
