@@ -143,15 +143,30 @@ def test_a_view_without_light_has_no_depth(tilted):
     assert np.isfinite(maps[0].inverse_depth).mean() > 0.7  # the third view is left
 
 
-def test_gain_and_offset_of_a_view_do_not_matter(tilted):
-    ready, image, maps = tilted
+@pytest.mark.parametrize("cost", ["zncc", "census"])
+def test_gain_and_offset_of_a_view_do_not_matter(tilted, cost):
+    ready, image, _ = tilted
+    maps = match(image, ready, cost=cost)
     other = image / 255
     other[0, ready.boxes[0][1].stop] = 1  # between the views, so that white stays white
     other[ready.boxes[1]] = 0.75 * other[ready.boxes[1]] + 0.1
-    for found, before in zip(match(other, ready), maps, strict=True):
+    for found, before in zip(match(other, ready, cost=cost), maps, strict=True):
         change = steps_of(VIEWS, found) - steps_of(VIEWS, before)
         assert np.sqrt(np.nanmean(change**2)) * STEP < 0.01  # px
         assert np.isfinite(change).sum() > 0.98 * np.isfinite(before.inverse_depth).sum()
+
+
+def test_census_finds_the_same_plane(tilted):
+    ready, image, _ = tilted
+    error = errors_of(VIEWS, match(image, ready, cost="census"), SLANTED)
+    assert np.isfinite(error).mean() > 0.97
+    assert np.sqrt(np.nanmean(error**2)) < 0.02  # px, as by ZNCC
+
+
+def test_costs_of_other_names_are_refused(tilted):
+    ready, image, _ = tilted
+    with pytest.raises(errors.SetupError, match=r"'zncc'.* got 'sad'"):
+        match(image, ready, cost="sad")
 
 
 @pytest.mark.parametrize("change", [lambda i: i.astype(np.uint16) * 257, lambda i: i / 255], ids=["16 bits", "real"])

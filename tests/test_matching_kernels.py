@@ -240,7 +240,15 @@ def gain_and_offset(mine, other):
     return gain, mean - gain * there
 
 
-def slow_costs(crooked, number, level, depths):
+def order(values):
+    """Whether each of 24 neighbours (24, h, w) lies above its pixel (1), below (-1) or within a grey level (0)."""
+    near = np.lib.stride_tricks.sliding_window_view(np.pad(values, 2, constant_values=np.nan), (5, 5))
+    away = np.delete(near.reshape(*values.shape, 25), 12, axis=-1) - values[..., None]
+    away[np.abs(away) <= 1] = 0
+    return np.sign(away)
+
+
+def slow_costs(crooked, number, level, depths, name):
     """Costs (h, w) of each hypothesis of a level, in double precision."""
     reference, finer = crooked.plan.references[number], crooked.prepared.search[level - 1]
     stride, layout = 2**level, finer.layout
@@ -251,8 +259,12 @@ def slow_costs(crooked, number, level, depths):
         return ndimage.correlate(values, tent, mode="constant", cval=np.nan)
 
     def unlike(mine, other):
+        """0 to 1, of windows."""
+        if name == "census":
+            return np.minimum(np.abs(order(mine) - order(other)).sum(axis=-1) / 48 / 0.5, 1)
         powers = [mean(a * a) - mean(a) ** 2 + 1 for a in (mine, other)]  # a grey level's noise has variance 1
-        return 1 - (mean(mine * other) - mean(mine) * mean(other)) / np.sqrt(powers[0] * powers[1])
+        zncc = (mean(mine * other) - mean(mine) * mean(other)) / np.sqrt(powers[0] * powers[1])
+        return np.minimum(1 - zncc, 0.7) / 0.7
 
     def others(steps):
         """What each other view shows (V-1, C, h, w) at one hypothesis of the finest level."""
@@ -267,7 +279,7 @@ def slow_costs(crooked, number, level, depths):
     for k in range(depths):
         shown = others(k * stride) * gain + offset
         windows = np.array([[unlike(mine, one) for mine, one in zip(own, view, strict=True)] for view in shown])
-        both = np.minimum(windows, 0.7) / 0.7 / 2 + np.minimum(abs(shown - own), 30) / 30 / 2  # half and half, cut off
+        both = windows / 2 + np.minimum(abs(shown - own), 30) / 30 / 2  # half and half, cut off
         views = np.sort(both.mean(axis=1), axis=0)  # NaN last
         seen, best = np.isfinite(views).sum(axis=0), (len(views) + 1) // 2
         total = np.nansum(views, axis=0) / np.maximum(seen, 1)
@@ -275,7 +287,7 @@ def slow_costs(crooked, number, level, depths):
         yield np.floor(255 * np.maximum(np.where(seen > 0, total, cost._UNSEEN), 0) + 0.5)
 
 
-def judged_costs(crooked, rng, number, level):
+def judged_costs(crooked, rng, number, level, name="zncc"):
     """Differences of costs to those of the slow twin, pixel by pixel, in random bands of hypotheses."""
     reference = crooked.plan.references[number]
     stride = 2**level
@@ -286,35 +298,59 @@ def judged_costs(crooked, rng, number, level):
     shape = (-(-size[1] // cost.TILE), -(-size[0] // cost.TILE))
     first = rng.integers(0, 3, shape)
     bands = Bands(size, depths, cost.TILE, first, rng.integers(3, depths + 1 - first))
-    volume = cost.filler(crooked.prepared.search, reference, level, bands)(slice(0, size[1]))
+    volume = cost.filler(crooked.prepared.search, reference, level, bands, name)(slice(0, size[1]))
     away = []
-    for k, expected in enumerate(slow_costs(crooked, number, level, depths)):
+    for k, expected in enumerate(slow_costs(crooked, number, level, depths, name)):
         found = plane_of(volume, bands, k)
         away.append((found - expected)[found >= 0])
     return np.concatenate(away)
 
 
+@pytest.mark.parametrize("name", ["zncc", "census"])
 @pytest.mark.parametrize("level", [1, 2])
-def test_costs_are_of_windows_and_of_pixels(crooked, rng, level):
-    away = judged_costs(crooked, rng, 1, level)
+def test_costs_are_of_windows_and_of_pixels(crooked, rng, level, name):
+    away = judged_costs(crooked, rng, 1, level, name)
     # the nearest pixel of a few places hangs on a rounding, each in nine windows
     assert (np.abs(away) > 1).mean() < 0.01
     assert len(away) > 1000
 
 
+@pytest.mark.parametrize("name", ["zncc", "census"])
 @pytest.mark.parametrize(("number", "level", "spacing"), [(0, 1, 8), (1, 1, 8), (1, 2, 2)])
-def test_costs_see_to_contrast_and_to_the_better_half_of_the_views(rng, number, level, spacing):
-    away = judged_costs(dimmed(spacing), rng, number, level)
+def test_costs_see_to_contrast_and_to_the_better_half_of_the_views(rng, number, level, spacing, name):
+    away = judged_costs(dimmed(spacing), rng, number, level, name)
     assert (np.abs(away) > 1).mean() < 0.02  # three views look, of three colours: more roundings
     assert len(away) > 1000
 
 
-def test_strips_of_costs_are_pieces_of_the_whole():
+def census_of(own, other):
+    """Census costs (rows, 64) of two pictures with a margin of 2, by the kernel of a row."""
+    out, bits = np.zeros((len(own) - 4, cost.TILE), np.float32), np.empty(3 * cost.TILE, np.float32)
+    for row, one in enumerate(out):
+        cost._census(*(a[row : row + 5].astype(np.float32).ravel() for a in (other, own)), bits, one)
+    return out
+
+
+def test_gain_offset_and_any_growing_curve_do_not_change_census(rng):
+    own, other = 4.0 * rng.integers(-20, 20, (2, 12, cost.TILE + 4))
+    costs = census_of(own, other)
+    assert 0.3 < np.median(costs) <= 0.5  # half of the whole cost is its most
+    assert (census_of(own, own) == 0).all()
+    for changed in (0.3 * other + 40, other - 50, np.sign(other) * other**2):  # steps stay above one grey level
+        np.testing.assert_array_equal(census_of(own, changed), costs)
+    other[5, 30] = np.nan
+    unseen = np.isnan(census_of(own, other))
+    assert unseen[1:6, 26:31].all()  # rows and columns are those without the margin
+    assert unseen.sum() == 25
+
+
+@pytest.mark.parametrize("name", ["zncc", "census"])
+def test_strips_of_costs_are_pieces_of_the_whole(name):
     views = Views(size=(80, 150), depths=9)
     ready = plan(views.warps())
     prepared = pictures.prepare(views.photograph(PLANE), ready)
     bands = Bands.full((40, 75), 5, cost.TILE)
-    costs = cost.filler(prepared.search, ready.references[0], 1, bands)
+    costs = cost.filler(prepared.search, ready.references[0], 1, bands, name)
     parts = np.concatenate([costs(slice(0, 64)), costs(slice(64, 75))])
     pixels, whole = (volume.reshape(-1, 16)[:, :5] for volume in (parts, costs(slice(0, 75))))
     np.testing.assert_array_equal(pixels, whole)

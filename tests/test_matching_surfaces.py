@@ -110,7 +110,7 @@ def test_plans_want_the_maps_of_every_view():
         plan(warps[:1])
     with pytest.raises(errors.ShapeError, match=r"at \[25, 26\] inverse depths"):
         plan([*warps[:2], Views(ways=VIEWS.ways, size=VIEWS.size, depths=26, corner=VIEWS.corner).warps()[2]])
-    with pytest.raises(errors.ShapeError, match="3 colour channels: all or none"):
+    with pytest.raises(errors.ShapeError, match="3 colour channels: all of them"):
         plan(VIEWS.warps(channels=3), channels=1)
 
 

@@ -1,4 +1,4 @@
-"""How badly the views disagree at each pixel and hypothesis: zero-mean normalised cross-correlation."""
+"""How badly the views disagree at each pixel and hypothesis: zero-mean normalised cross-correlation or census."""
 
 import numpy as np
 from numba import njit, prange
@@ -7,12 +7,14 @@ from .bands import store
 from .places import FAST, MARGIN, row_of_polynomials
 
 TILE = 64  # px, rows and columns worked on together
-_WIDE = TILE + 2  # with the margin of the windows, whose half width is one
+MARGINS = {"zncc": 1, "census": 2}  # px, half widths of windows but for the pixel in the middle
+_WIDE, _BROAD = TILE + 2, TILE + 4  # with the margin of the windows of ZNCC, of census
 _NOISE = np.float32(1)  # variance of a grey level below which windows count as blank
 _CEILING = np.float32(0.7)  # 1 - ZNCC of views that show something else
 _BY_WINDOW, _BY_PIXEL = np.float32(0.5), np.float32(0.5)  # shares of the cost: ZNCC of windows, difference of pixels
 _PER_UNLIKE, _PER_GREY = _BY_WINDOW / _CEILING, _BY_PIXEL / np.float32(30)  # grey levels apart: something else
 _BEST = np.float32(0.5)  # share of the better half of the views, because something may hide the pixel from the others
+_BAND, _PER_BIT = np.float32(1), _BY_WINDOW / np.float32(24)  # grey levels alike; of 48 bits, half: something else
 _FAR = np.float32(100)  # a cost above all
 _ENOUGH = 100  # pixels that tell how bright views are
 _SAME_MEAN, _SAME, _MOST_GAIN = 12, 1.25, 3  # grey levels and contrast apart that are left alone; largest gain
@@ -23,13 +25,13 @@ _SHARE = np.float32(1 / 16)  # of a window whose weights are 1 2 1 down and acro
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def _last(line, out):
-    for x in range(_WIDE):
+    for x in range(len(out)):
         out[x] = line[x]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def _horner(line, s, out):
-    for x in range(_WIDE):
+    for x in range(len(out)):
         out[x] = out[x] * s + line[x]
 
 
@@ -37,7 +39,7 @@ def _horner(line, s, out):
 def _nearest(u, v, frame, at):
     """Flat index of the nearest pixel of a picture, clamped to its rim."""
     left, top, width, height, scale = frame
-    for x in range(_WIDE):
+    for x in range(len(at)):
         a = min(max((u[x] - left) * scale + _HALF, _ZERO), width - _ONE)
         b = min(max((v[x] - top) * scale + _HALF, _ZERO), height - _ONE)
         at[x] = np.int32(b) * np.int32(width) + np.int32(a)
@@ -45,7 +47,7 @@ def _nearest(u, v, frame, at):
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def _take(flat, at, out):
-    for x in range(_WIDE):
+    for x in range(len(out)):
         out[x] = flat[np.uint32(at[x])]
 
 
@@ -105,6 +107,31 @@ def _unlike(sums, mean, power, one):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
+def _order(w, w0, r, r0, bits):
+    """Add how differently two pictures order a neighbour and the pixel in the middle: 0 to 2; NaN stays."""
+    for x in range(TILE):
+        a, b = w[x] - w0[x], r[x] - r0[x]
+        a = _ONE if a > _BAND else _ZERO if a >= -_BAND else -_ONE if a < -_BAND else a
+        b = _ONE if b > _BAND else _ZERO if b >= -_BAND else -_ONE if b < -_BAND else b
+        bits[x] += abs(a - b)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _census(w, r, bits, one):
+    """Add the Hamming distance of 5x5 windows (Stein, DAGM 2004), cut off; NaN where something of them is unseen."""
+    bits[:TILE] = 0
+    middle = 2 * _BROAD + 2
+    for j in range(5):
+        for i in range(5):
+            at = j * _BROAD + i
+            if at != middle:
+                _order(w[at:], w[middle:], r[at:], r[middle:], bits)
+    for x in range(TILE):
+        cost = bits[x] * _PER_BIT
+        one[x] += (cost if cost < _BY_WINDOW else _BY_WINDOW) if cost == cost else cost
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def _apart(w, r, one):
     """Add the difference of every pixel, cut off."""
     for x in range(TILE):
@@ -157,16 +184,17 @@ def _levels(total, count, plane):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def _prepared(own, lines, spacing, stride, y0, x0, rows, places, r, mean, power):
+def _prepared(own, lines, spacing, stride, y0, x0, rows, margin, places, r, mean, power):
     """The reference's part of a tile: its places' polynomials, its pixels, its windows' means and variances."""
-    for j in range(rows + 2):
+    wide = TILE + 2 * margin
+    for j in range(rows + 2 * margin):
         for c in range(own.shape[0]):
-            r[c, j * _WIDE : (j + 1) * _WIDE] = own[c, y0 + j, x0 : x0 + _WIDE]
+            r[c, j * wide : (j + 1) * wide] = own[c, y0 + j, x0 : x0 + wide]
         for look in range(len(lines)):
-            y = max((y0 + j - 1) * stride, 0)
-            row_of_polynomials(lines[look], spacing, y, x0 + MARGIN - 1, places[look, j])
+            y = max((y0 + j - margin) * stride, 0)
+            row_of_polynomials(lines[look], spacing, y, x0 + MARGIN - margin, places[look, j])
     columns, sums = np.empty(3 * _WIDE, np.float32), np.empty(3 * TILE, np.float32)
-    for c in range(own.shape[0]):
+    for c in range(own.shape[0] if margin == 1 else 0):
         for j in range(rows):
             _down(r[c, j * _WIDE :], r[c, j * _WIDE :], columns)
             _across(columns, sums)
@@ -174,25 +202,28 @@ def _prepared(own, lines, spacing, stride, y0, x0, rows, places, r, mean, power)
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def _plane(s, others, frames, starts, values, places, rows, r, mean, power, room, plane):
+def _plane(s, others, frames, starts, values, places, rows, margin, r, mean, power, room, plane):
     """Costs of one hypothesis for one tile."""
     total, count, w, work, at, columns, sums, ones, slots = room
     total[:] = 0
     count[:] = 0
     ones[:] = 0
     slots[:] = _FAR
-    channels, best = len(values), (len(others) + 1) // 2
+    channels, best, wide = len(values), (len(others) + 1) // 2, TILE + 2 * margin
     share = _ONE / np.float32(channels)
     for look in range(len(places)):
         view, c = others[look // channels], look % channels
         flat = values[c, starts[view] : starts[view + 1]]
-        for j in range(rows + 2):
-            _look(places[look, j], s, frames[view], flat, work, at, w[j * _WIDE :])
+        for j in range(rows + 2 * margin):
+            _look(places[look, j], s, frames[view], flat, work, at, w[j * wide : (j + 1) * wide])
         for j in range(rows):
-            _down(w[j * _WIDE :], r[c, j * _WIDE :], columns)
-            _across(columns, sums)
-            here = (j + 1) * _WIDE + 1
-            _unlike(sums, mean[c, j], power[c, j], ones[j])
+            here = (j + margin) * wide + margin
+            if margin == 1:
+                _down(w[j * _WIDE :], r[c, j * _WIDE :], columns)
+                _across(columns, sums)
+                _unlike(sums, mean[c, j], power[c, j], ones[j])
+            else:
+                _census(w[j * _BROAD :], r[c, j * _BROAD :], sums, ones[j])
             _apart(w[here:], r[c, here:], ones[j])
             if c == channels - 1:
                 _add_cost(ones[j], share, total[j], count[j])
@@ -210,13 +241,15 @@ def _plane(s, others, frames, starts, values, places, rows, r, mean, power, room
 
 
 @njit(parallel=True, cache=True, fastmath=FAST, error_model="numpy")
-def fill(own, lines, spacing, stride, half, others, frames, starts, values, first, count, start, size, top, volume):
+def fill(
+    own, lines, spacing, stride, half, others, frames, starts, values, first, count, start, size, top, volume, margin
+):
     """Costs of every hypothesis of every tile of a strip.
 
     Parameters
     ----------
-    own : (C, h + 2 + TILE, w + 2 + TILE) float32 array
-        The reference with a margin of one and room for whole tiles, NaN outside of the view.
+    own : (C, h + 2 margin + TILE, w + 2 margin + TILE) float32 array
+        The reference with a margin and room for whole tiles, NaN outside of the view.
     lines : ((V-1) C, Ny, 2 K, ...) float32 array
         Polynomials of the places, from `lines_of`.
     spacing, stride : int
@@ -235,33 +268,35 @@ def fill(own, lines, spacing, stride, half, others, frames, starts, values, firs
         First row of the strip.
     volume : flat uint8 array, written
         0 (all views alike) to 255 (nothing alike); see `Bands`.
+    margin : int
+        1 for ZNCC, 2 for census; see `MARGINS`.
     """
     across = first.shape[1]
     for tile in prange(first.size):
         ty, tx = tile // across, tile % across
         y0, x0 = top + ty * TILE, tx * TILE
         rows, columns = min(TILE, size[1] - y0), min(TILE, size[0] - x0)
-        channels, depths = own.shape[0], count[ty, tx]
-        places = np.empty((len(lines), TILE + 2, lines.shape[2], _WIDE), np.float32)
-        r = np.empty((channels, (TILE + 2) * _WIDE), np.float32)
+        channels, depths, wide = own.shape[0], count[ty, tx], TILE + 2 * margin
+        places = np.empty((len(lines), wide, lines.shape[2], wide), np.float32)
+        r = np.empty((channels, wide * wide), np.float32)
         mean = np.empty((channels, TILE, TILE), np.float32)
         power = np.empty((channels, TILE, TILE), np.float32)
         room = (
             np.empty((TILE, TILE), np.float32),
             np.empty((TILE, TILE), np.float32),
-            np.empty((TILE + 2) * _WIDE, np.float32),
-            np.empty((2, _WIDE), np.float32),
-            np.empty(_WIDE, np.int32),
+            np.empty(wide * wide, np.float32),
+            np.empty((2, wide), np.float32),
+            np.empty(wide, np.int32),
             np.empty(3 * _WIDE, np.float32),
             np.empty(3 * TILE, np.float32),
             np.empty((TILE, TILE), np.float32),
             np.empty((TILE, (len(others) + 1) // 2, TILE), np.float32),
         )
         planes = np.empty((depths, TILE, TILE), np.uint8)
-        _prepared(own, lines, spacing, stride, y0, x0, rows, places, r, mean, power)
+        _prepared(own, lines, spacing, stride, y0, x0, rows, margin, places, r, mean, power)
         for k in range(depths):
             s = np.float32(first[ty, tx] + k) / half - _ONE
-            _plane(s, others, frames, starts, values, places, rows, r, mean, power, room, planes[k])
+            _plane(s, others, frames, starts, values, places, rows, margin, r, mean, power, room, planes[k])
         store(planes[:, :rows, :columns], volume, start[ty, tx])
 
 
@@ -301,7 +336,7 @@ def visible(layout, reference, stride):
     return mask
 
 
-def filler(pictures, reference, level, bands):
+def filler(pictures, reference, level, bands, cost="zncc"):
     """A function of rows that computes their costs at a level: see `aggregation.search`.
 
     Parameters
@@ -314,12 +349,15 @@ def filler(pictures, reference, level, bands):
         1 for every other pixel of the photograph, 2 for every fourth.
     bands : Bands
         Hypotheses of each tile, 2^level of the reference's apart.
+    cost : str
+        What windows are compared by: "zncc" or "census".
     """
+    margin = MARGINS[cost]
     (width, height), finer, stride = bands.size, pictures[level - 1], 2**level
     values = finer.own(reference.number)[:, ::2, ::2]
     alike = _levelled(finer, reference, stride, values)
-    own = np.full((len(values), height + 2 + TILE, width + 2 + TILE), np.nan, np.float32)
-    own[:, 1 : height + 1, 1 : width + 1] = values
+    own = np.full((len(values), height + 2 * margin + TILE, width + 2 * margin + TILE), np.nan, np.float32)
+    own[:, margin : height + margin, margin : width + margin] = values
     maps = reference.lines[stride], reference.spacing, stride, reference.half(stride), reference.others
 
     def costs(rows):
@@ -327,7 +365,7 @@ def filler(pictures, reference, level, bands):
         start = bands.start[tiles] - bands.start[tiles][0, 0]
         volume = np.empty(bands.places(rows), np.uint8)
         layout = bands.first[tiles], bands.count[tiles], start, (width, rows.stop), rows.start, volume
-        fill(own, *maps, finer.layout.frames, finer.layout.starts, alike, *layout)
+        fill(own, *maps, finer.layout.frames, finer.layout.starts, alike, *layout, margin)
         return volume
 
     return costs

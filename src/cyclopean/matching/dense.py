@@ -6,19 +6,20 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ..errors import ShapeError
+from ..errors import SetupError, ShapeError
 from .aggregation import search, strip_bytes
 from .agreement import agreement
 from .bands import Bands
-from .cost import TILE, filler
+from .cost import MARGINS, TILE, filler
 from .jumps import placed
 from .pictures import prepare
-from .plans import ALONE, Plan
+from .places import ALONE
+from .plans import Plan
 from .refinement import refined
 from .surfaces import doubled, median, smooth
 
 _CLEAR = 0.15  # second best, of the ridge before it: less is doubtful, as in repeated texture
-_AROUND, _DOUBT = 9, 0.3  # px of half resolution around a pixel, and their doubtful share that takes its depth away
+_AROUND, _DOUBT = 9, 0.4  # px of half resolution around a pixel, and their doubtful share that takes its depth away
 _ABOUT = 3  # hypotheses tried on both sides of what the coarser level found
 _SMALL, _LARGE = 24, 160  # penalties for a change of depth between neighbours: by one step, by more
 _EDGE, _LEAST = 30, 60  # grey levels a px of change in the picture that halve _LARGE; its least
@@ -70,7 +71,9 @@ class DepthMap:
         )
 
 
-def match(image, plan: Plan, *, memory_mib=1024.0, strict=True, progress=None, keep=None) -> list[DepthMap]:
+def match(
+    image, plan: Plan, *, cost="zncc", memory_mib=1024.0, strict=True, progress=None, keep=None
+) -> list[DepthMap]:
     """Find the inverse depth of every pixel of every view.
 
     At half the resolution the other views are brought into the reference at every hypothesis and compared (ZNCC), the
@@ -84,6 +87,9 @@ def match(image, plan: Plan, *, memory_mib=1024.0, strict=True, progress=None, k
         Photograph, unsigned integers or real numbers, linear in light or not.
     plan : Plan
         What is known of the rig, from `plan`.
+    cost : str
+        What the windows of the search are compared by: "zncc", 3x3 px, or "census", 5x5 px. Half of the cost; the other
+        is the difference of the pixels themselves.
     memory_mib : float
         Memory for the search, MiB; the results do not depend on it.
     strict : bool
@@ -100,6 +106,8 @@ def match(image, plan: Plan, *, memory_mib=1024.0, strict=True, progress=None, k
     list of DepthMap
         Of each view.
     """
+    if cost not in MARGINS:
+        raise SetupError(f"cost must be one of {sorted(MARGINS)}, got {cost!r}")
     prepared = prepare(image, plan)
     stages = len(plan.references[0].lines) + 2
     ticks, total = itertools.count(1), len(plan.references) * stages
@@ -111,7 +119,7 @@ def match(image, plan: Plan, *, memory_mib=1024.0, strict=True, progress=None, k
     maps = []
     for reference in plan.references:
         with ALONE:
-            coarse = _searched(prepared, plan, reference, memory_mib, strict, tick)
+            coarse = _searched(prepared, plan, reference, cost, memory_mib, strict, tick)
             maps.append(_sharpened(prepared, plan, reference, coarse, strict, tick))
         if keep is not None:
             keep(reference.number, maps[-1])
@@ -143,7 +151,7 @@ def checked(plan: Plan, maps, strict=True) -> list[DepthMap]:
     return [one.where(good) for one, good in zip(maps, agreed, strict=True)]
 
 
-def _searched(prepared, plan, reference, memory_mib, strict, tick):
+def _searched(prepared, plan, reference, cost, memory_mib, strict, tick):
     """Inverse depth in steps of every other pixel, coarse to fine; if strict, NaN where several depths fit alike."""
     steps = doubtful = np.zeros((1, 1), np.float32)
     coarsest = len(reference.lines) - 1
@@ -156,7 +164,7 @@ def _searched(prepared, plan, reference, memory_mib, strict, tick):
             bands = Bands.around(2 * doubled(steps, size), mask, _ABOUT, depths, TILE).rounded()
             doubtful = doubled(doubtful, size)
         grey = prepared.search[level - 1].own(reference.number)[:, ::2, ::2].mean(0)
-        fill = filler(prepared.search, reference, level, bands)
+        fill = filler(prepared.search, reference, level, bands, cost)
         ridge, rows = np.full(mask.shape, np.nan, np.float32), _rows(bands, memory_mib)
         steps, margin = search(fill, bands, mask, _SMALL, _penalties(grey), rows_per_strip=rows, ridge=ridge)
         doubtful = np.maximum(_doubtful(margin, ridge), doubtful)

@@ -4,15 +4,17 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import njit, prange
 
 from ..errors import ImageError
 from ..geometry import white_level
+from .places import ALONE, FAST
 
 RIM = 4  # px around each picture that belong to no view
 GREY = 128  # grey level that becomes 0: sums of products stay small
 _BLUR = 0.6  # px: without it, noise passes for texture
 _SEARCH_BLUR = 0.9  # px: for the search, where the nearest pixel is taken
-_EVERY = 32  # px between the rows and columns in which texture is looked for
+_EVERY = 64  # px between the rows and columns in which texture is looked for
 _POLE = np.sqrt(3) - 2  # of the filter that turns samples into B-spline coefficients
 _REACH = 7  # px of that filter; what is cut off is 1e-4
 
@@ -119,16 +121,32 @@ def grey_levels(image: np.ndarray, channels: int) -> np.ndarray:
         raise ImageError(f"an image must hold unsigned integers or real numbers, got {image.dtype}")
     if channels > 1 and (image.ndim == 2 or image.shape[2] != channels):
         raise ImageError(f"the maps are for {channels} colour channels, but the image has shape {image.shape}")
-    scale, levels = 255 / white_level(image), image.astype(np.float32)
+    scale = 255 / white_level(image)
+    if channels == 1 and image.ndim == 3:
+        share, levels = mixture(image), image if image.dtype in (np.uint8, np.uint16) else image.astype(np.float32)
+        grey = np.empty((1, *image.shape[:2]), np.float32)
+        with ALONE:
+            shares = (scale * share).astype(np.float32)
+            _mixed(np.ascontiguousarray(levels), shares, np.float32(GREY * share.sum()), grey[0])
+        return grey
+    levels = image.astype(np.float32)
     if image.dtype.kind == "f":
         levels = np.nan_to_num(levels, copy=False, posinf=0, neginf=0)
-    if channels == 1 and image.ndim == 3:
-        share = scale * mixture(levels)
-        return (cv2.transform(levels, np.append(share, 0.0)[None]) - np.float32(GREY * share.sum() / scale))[None]
     return np.moveaxis(levels.reshape(*image.shape[:2], -1), -1, 0) * np.float32(scale) - np.float32(GREY)
 
 
-def mixture(levels: np.ndarray) -> np.ndarray:
+@njit(parallel=True, cache=True, fastmath=FAST, error_model="numpy")
+def _mixed(image, shares, offset, out):
+    """Weighted sum of the colours less an offset; 0 before the offset where one is not a finite number."""
+    for y in prange(image.shape[0]):
+        for x in range(image.shape[1]):
+            total = np.float32(0)
+            for c in range(image.shape[2]):
+                total += shares[c] * np.float32(image[y, x, c])
+            out[y, x] = (total if abs(total) < np.float32(1e30) else np.float32(0)) - offset
+
+
+def mixture(image: np.ndarray) -> np.ndarray:
     """Shares of the colours in the one picture that is matched: their mean, unless that hides most of the texture.
 
     Texture is the change from pixel to pixel. Where the mean has less than half of that of the direction in colour
@@ -136,16 +154,19 @@ def mixture(levels: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    levels : (H, W, C) float32 array
-        Photograph.
+    image : (H, W, C) array
+        Photograph; pixels that are not finite numbers count as black.
 
     Returns
     -------
     (C,) array
         Of the same length as those of the mean, so that noise counts the same.
     """
-    colours = levels.shape[2]
-    across, down = np.diff(levels[::_EVERY], axis=1), np.diff(levels[:, ::_EVERY], axis=0)
+    colours = image.shape[2]
+    rows, columns = (
+        np.nan_to_num(some.astype(np.float32), posinf=0, neginf=0) for some in (image[::_EVERY], image[:, ::_EVERY])
+    )
+    across, down = np.diff(rows, axis=1), np.diff(columns, axis=0)
     products = sum(np.einsum("ijc,ijd->cd", change, change, dtype=float) for change in (across, down))
     energies, axes = np.linalg.eigh(products)
     mean = np.full(colours, 1 / np.sqrt(colours))

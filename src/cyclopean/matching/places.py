@@ -1,5 +1,7 @@
 """Where the pixels of a row are seen in another view."""
 
+import threading
+
 import numpy as np
 from numba import njit
 
@@ -7,6 +9,7 @@ BLOCK = 128  # columns worked on together
 MARGIN = 8  # px that windows may reach beyond them on either side
 _NOWHERE = -1e6  # px, where pixels are seen that have no place: rows between them and others lie outside, too
 _FARTHEST = 1e8  # px: a larger coefficient is no place either, sums of such may be infinite or NaN
+ALONE = threading.RLock()  # one of numba's threading layers aborts when two threads start kernels at once
 FAST = {"contract", "reassoc", "nsz", "arcp"}  # no "nnan": NaN has a meaning here
 
 

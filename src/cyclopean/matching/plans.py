@@ -1,6 +1,5 @@
 """What matching needs to know of a rig, made once and used for every photograph."""
 
-import threading
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,9 +8,8 @@ from ..errors import ShapeError
 from ..geometry import Warps
 from .cost import visible
 from .pictures import Layout, box_of, layouts
-from .places import lines_of
+from .places import ALONE, lines_of
 
-ALONE = threading.RLock()  # one of numba's threading layers aborts when two threads start kernels at once
 _MOST = 64  # hypotheses that are tried everywhere; of more, coarser levels say which
 
 
