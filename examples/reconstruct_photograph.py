@@ -13,7 +13,7 @@ photo, setup_file = demo_files()
 setup = cyclopean.read_setup(setup_file)
 photograph = cyclopean.read_photograph(photo, setup.camera.size)
 
-result = cyclopean.reconstruct(photograph, setup.rig(), setup.depths, step=1.0)
+result = cyclopean.reconstruct(photograph, setup.rig(), setup.depths)
 
 sigma = np.sqrt(result.covariance[:, 2, 2])
 print(f"{len(result.points):,} points, median depth {np.median(result.points[:, 2]):.1f} mm, "

@@ -5,7 +5,7 @@ import pytest
 
 from cyclopean import Camera, Mirror, Mirrors, Prism, Setup, summarise
 from cyclopean.analysis import field_at
-from cyclopean.errors import OpticError
+from cyclopean.errors import OpticError, SetupError
 
 
 def test_biprism_baseline_and_angle_follow_the_closed_forms():
@@ -64,3 +64,12 @@ def test_views_that_never_overlap_are_an_error():
     rig = Setup(Camera((640, 480), 500), Mirrors(mirrors)).rig()
     with pytest.raises(OpticError, match="overlap"):
         _ = rig.working_depths
+
+
+def test_depths_may_be_an_array():
+    setup = Setup(Camera((640, 480), 1200), Prism(3, 12.0, 1.5168, 60.0), depths=np.array([400.0, 900.0]))
+    assert setup.depths == (400.0, 900.0)
+    rig = setup.rig()
+    assert summarise(rig, np.array([400.0, 900.0])).depths == summarise(rig, (400.0, 900.0)).depths
+    with pytest.raises(SetupError, match="near, far"):
+        Setup(setup.camera, setup.optic, depths=(400.0, 600.0, 900.0))

@@ -301,7 +301,7 @@ def test_colours_are_brought_together_where_they_are_known_and_spoken_of_where_n
     assert known.depths == FLINT.depths
     assert len(known.channels) == 3
     # 600 px tan(10 deg) times the steps of the index, 0.0116 and 0.0221, times 1 - 60 / 706 for the middle depth
-    assert "red is brought to green by up to 1.1 px, blue by up to 2.2 px" in known.note
+    assert "red is brought to green by up to 1.1 px, blue by up to 2.2 px at 706 mm" in known.note
     assert known.warnings == []
     np.testing.assert_array_equal(known.photograph, compensated(photograph, rigs, middle_inverse_depth(FLINT.depths)))
     three = chosen_colours(photo, photograph, [red, green, blue], "all", None)

@@ -121,6 +121,13 @@ def test_an_output_folder_is_made_or_refused_before_the_work(tmp_path, monkeypat
     with pytest.raises(OutputError, match=f"no permission to write in {folder}"):
         output_folder(folder)
 
+    def not_here(*_, **__):  # as Linux says of /proc/out
+        raise FileNotFoundError(errno.ENOENT, "No such file or directory")
+
+    monkeypatch.setattr(Path, "mkdir", not_here)
+    with pytest.raises(OutputError, match=f"nothing can be made in {tmp_path};"):
+        output_folder(tmp_path / "out" / "a")
+
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
 def test_a_read_only_folder_is_refused(tmp_path):

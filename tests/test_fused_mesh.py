@@ -1,5 +1,7 @@
 """The fused mesh of surfaces of closed form, its files, and the command that writes it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,10 +10,11 @@ from depth_maps import across, maps_of, plane, sphere, step
 from scenes import photograph_plane, small_setup
 
 from cyclopean import Camera, Setup, write_setup
-from cyclopean.errors import ShapeError
+from cyclopean.errors import SetupError, ShapeError
 from cyclopean.files import write_image, write_ply
 from cyclopean.files.meshes import write_mesh
 from cyclopean.fusion import build_mesh, fuse
+from cyclopean.fusion.mesh import _one_sided
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +71,41 @@ def test_no_triangle_spans_a_step(rig, stride):
     assert {700, 900} == set(np.unique(np.rint(depth)))
 
 
+@pytest.mark.parametrize("stride", [1, 2])
+def test_neighbouring_triangles_face_the_same_way(rig, stride):
+    rough = np.random.default_rng(3)
+    noisy = [replace(one, inverse_depth=one.inverse_depth + rough.normal(0, 1e-6, one.inverse_depth.shape).astype("f4"))
+             for one in maps_of(rig, sphere)]  # fmt: skip
+    mesh = build_mesh(rig, noisy, stride=stride)
+    sides = mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    assert len(np.unique(sides, axis=0)) == len(sides)  # each direction of an edge belongs to one triangle
+    again = build_mesh(rig, noisy, stride=stride)
+    np.testing.assert_array_equal(again.faces, mesh.faces)
+    found = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    assert found.is_winding_consistent
+    pieces = trimesh.graph.connected_components(found.face_adjacency, nodes=np.arange(len(mesh.faces)))
+    assert min(map(len, pieces)) >= 20
+    everything = build_mesh(rig, noisy, stride=stride, smallest=0)
+    wide = trimesh.Trimesh(everything.vertices, everything.faces, process=False)
+    sizes = list(map(len, trimesh.graph.connected_components(wide.face_adjacency, nodes=np.arange(len(wide.faces)))))
+    assert sum(size for size in sizes if size >= 20) == len(mesh.faces) < len(wide.faces)
+    with pytest.raises(SetupError, match="smallest piece"):
+        build_mesh(rig, noisy, smallest=-1)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_of_triangles_with_a_common_side_the_first_stays(seed):
+    rng = np.random.default_rng(seed)
+    faces = np.stack([rng.permutation(7)[:3] for _ in range(40)])
+    kept, taken = [], set()
+    for face in faces.tolist():
+        sides = {(face[k], face[k - 2]) for k in range(3)}
+        if not sides & taken:
+            kept.append(face)
+            taken |= sides
+    np.testing.assert_array_equal(_one_sided(faces), kept)
+
+
 def test_clouds_and_meshes_keep_normals_views_and_colours(rig, tmp_path):
     maps = maps_of(rig, plane)
     cloud, mesh = fuse(rig, maps), build_mesh(rig, maps, stride=8)
@@ -111,6 +149,9 @@ def test_the_command_writes_a_mesh(tmp_path, monkeypatch, capsys):
     columns = trimesh.load(tmp_path / "out" / "points.ply").metadata["_ply_raw"]["vertex"]["data"]
     assert columns["views"].max() == 3
     assert np.median(columns["nz"]) < -0.9
+    status, said, _ = run(monkeypatch, capsys, *words, "--mesh", "stl", "--mesh-step", 500)
+    assert status == 0
+    assert "no cell of 500 px" in said
     for wrong in (["--mesh", "pdf"], ["--mesh", "ply", "--mesh-step", "0"], ["--mesh", "ply", "--mesh-step", "1.5"]):
         status, said, error = run(monkeypatch, capsys, *words, *wrong)
         assert status != 0

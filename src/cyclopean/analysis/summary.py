@@ -56,7 +56,7 @@ def summarise(rig: Rig, depths: tuple[float, float] | None = None, sigma_px: flo
     """
     if not 0 < sigma_px < np.inf:
         raise SetupError(f"the pixel noise must be a positive number of px, got {sigma_px}")
-    near, far = depths or rig.working_depths
+    near, far = rig.working_depths if depths is None else depths
     cameras = tuple(fit(view, (near, far)) for view in rig)
     axes = [view.unbounded().rays(view.camera.centre).directions for view in rig]
     axes = [a if np.isfinite(a).all() else c.axis for a, c in zip(axes, cameras, strict=True)]

@@ -115,7 +115,7 @@ def field_point_test(
     changed = _changed(setup, parameter, after)
     rig = changed.rig()
     if rims is not None:
-        span = depths or (0.5 * depth, 2 * depth)
+        span = (0.5 * depth, 2 * depth) if depths is None else depths
         rig = pinhole_rig([sketch(view, span, rim) for view, rim in zip(rig, rims, strict=True)], rig)
     found = triangulate(rig.unbounded(), pixels, sigma_px)
     slope = (depth_at(after * 1.001) - depth_at(after * 0.999)) / (0.002 * after)

@@ -41,8 +41,8 @@ def main() -> None:
         _fail(str(error), 1)
     except CyclopeanError as error:
         _fail(str(error), 2)
-    except KeyboardInterrupt:
-        _fail("interrupted; results that were complete have been kept", 130)
+    except KeyboardInterrupt as stop:
+        _fail(f"interrupted; {stop}" if str(stop) else "interrupted", 130)
     except BrokenPipeError:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115  the reader has gone: nothing more to say
         sys.exit(1)

@@ -43,7 +43,8 @@ def reconstruct(
         Depth range to search, mm, as NEAR..FAR, for example 600..1600. Without it the setup file's, or all
         depths at which the views overlap and resolve depth.
     step
-        Movement between two depth hypotheses of our own matcher, px; smaller is slower.
+        Movement between two depth hypotheses, px; the search itself takes every second one, at half the resolution.
+        Larger is faster, and wrong more often at edges.
     memory
         Memory for our own matcher, MiB.
     threads

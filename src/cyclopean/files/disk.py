@@ -103,7 +103,8 @@ def _check_target(target: Path) -> None:
 
 def _why_unwritten(fault: OSError, folder: Path) -> str:
     if isinstance(fault, FileNotFoundError):
-        return f"there is no folder {folder}; make it first"
+        there = f"nothing can be made in {folder}; choose another folder"  # the system's own, such as /proc
+        return there if folder.is_dir() else f"there is no folder {folder}; make it first"
     if isinstance(fault, FileExistsError | NotADirectoryError):
         blocker = next((place for place in (folder, *folder.parents) if place.is_file()), folder)
         return f"{blocker} is a file, not a folder"
@@ -145,6 +146,9 @@ def output_folder(path: PathLike) -> Path:
         with tempfile.TemporaryFile(dir=folder) as probe:
             probe.write(b"cyclopean")
     except OSError as fault:
-        reason = _why_unwritten(fault, folder.absolute())
+        place = folder.absolute()
+        if isinstance(fault, FileNotFoundError):
+            place = next(known for known in (place, *place.parents) if known.is_dir())
+        reason = _why_unwritten(fault, place)
         raise OutputError(f"{folder}: results cannot be written there: {reason}") from fault
     return folder

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ..errors import SetupError
 from ..matching import DepthMap
@@ -59,6 +61,7 @@ def build_mesh(
     stride: int = 1,
     tolerance_px: float = TOLERANCE_PX,
     correlation: float = CORRELATION,
+    smallest: int = 20,
 ) -> Mesh:
     """One surface of triangles from the depth maps of all views, with no surface twice.
 
@@ -66,7 +69,8 @@ def build_mesh(
     continuous surface (`connected`), never across a step; triangles seen edge on, at over 85 degrees, are left out.
     Where an earlier view's triangles show the same surface, a view adds none. At the seam its triangles are tied to
     the nearest vertices of the earlier view: they overlap by less than a cell there, and small gaps may stay where
-    the two samplings differ.
+    the two samplings differ. No two triangles pass along an edge in the same direction, so all of them face the same
+    way as their neighbours: of two that would, the later view's is left out.
 
     Parameters
     ----------
@@ -79,6 +83,8 @@ def build_mesh(
         connected pixels up to as far around it.
     tolerance_px, correlation : float
         See `fuse`.
+    smallest : int
+        Pieces of fewer triangles, connected by their edges, are left out.
 
     Raises
     ------
@@ -87,6 +93,8 @@ def build_mesh(
     """
     if stride != int(stride) or stride < 1:
         raise SetupError(f"the stride of a mesh is a whole number of pixels, 1 or more, got {stride}")
+    if not smallest >= 0:
+        raise SetupError(f"the smallest piece of a mesh has 0 triangles or more, got {smallest}")
     merged = merge(rig, maps, tolerance_px, correlation)
     lattices: list[_Lattice] = []
     vertices, faces, views, pixels = [], [], [], []
@@ -100,7 +108,7 @@ def build_mesh(
         faces.append(_faces(lattice, count, rig[k].mirrored))
         count += len(points)
     columns = (np.concatenate(parts) for parts in (vertices, faces, views, pixels))
-    return _tidy(rig, Mesh(*columns))
+    return _tidy(rig, Mesh(*columns), smallest)
 
 
 def _lattice(rig, k, merged, stride, earlier, first):
@@ -185,18 +193,49 @@ def _faces(lattice, first, mirrored):
     return faces[:, ::-1] if mirrored else faces
 
 
-def _tidy(rig, mesh):
-    """A mesh without triangles seen edge on, or drawn to a line or doubled at a seam, and without unused vertices."""
+def _tidy(rig, mesh, smallest):
+    """A mesh without triangles seen edge on, or drawn to a line or doubled at a seam, scraps and unused vertices."""
     faces = mesh.faces
     several = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     faces = faces[several]
     faces = faces[~_edge_on(rig, mesh, faces)]
     _, unique = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    faces = faces[np.sort(unique)]
+    faces = _one_sided(faces[np.sort(unique)])
+    pieces = _pieces(faces)
+    faces = faces[np.bincount(pieces, minlength=1)[pieces] >= smallest]
     used = np.unique(faces)
     number = np.full(len(mesh.vertices), -1)
     number[used] = np.arange(len(used))
     return Mesh(mesh.vertices[used], number[faces], mesh.view[used], mesh.pixels[used])
+
+
+def _sides(faces):
+    """Numbers (M, 3) of the sides of triangles, one for each pair of corners in their order; those of the way back."""
+    ends, count = np.roll(faces, -1, axis=1), faces.max(initial=0) + 1
+    return faces * count + ends, ends * count + faces
+
+
+def _one_sided(faces):
+    """Triangles (M, 3) of which no two pass along an edge in the same direction; the first of each such two stays."""
+    while True:
+        sides = _sides(faces)[0].ravel()
+        _, first, edge = np.unique(sides, return_index=True, return_inverse=True)
+        late = (first[edge] != np.arange(len(sides))).reshape(-1, 3)
+        if not late.any():
+            return faces
+        # only those go that meet a triangle which stays; where that one goes itself, its edge is free again
+        blocked = ~late.any(1)[first[edge] // 3].reshape(-1, 3) & late
+        faces = faces[~blocked.any(1)]
+
+
+def _pieces(faces):
+    """The piece (M,) that each triangle belongs to, counted from 0; triangles that share an edge are of one piece."""
+    ahead, back = _sides(faces)
+    _, edge = np.unique(np.minimum(ahead, back), return_inverse=True)
+    ends = np.repeat(np.arange(len(faces)), 3), len(faces) + edge.ravel()  # from each triangle to its edges
+    count = len(faces) + edge.max(initial=-1) + 1
+    links = coo_array((np.ones(edge.size), ends), (count, count))
+    return connected_components(links, directed=False)[1][: len(faces)]
 
 
 def _edge_on(rig, mesh, faces):

@@ -26,7 +26,7 @@ from .calibration_photographs import (
     seams_moved,
 )
 from .calibration_request import Request, check, check_names, free_names, parse_tolerances
-from .console import console, counted, progress_bars
+from .console import console, counted, naming, progress_bars
 
 if TYPE_CHECKING:
     from ..calibration.physical import Calibration
@@ -109,10 +109,11 @@ def _deliver(request, evidence, calibration, drawn, started) -> None:
     write_calibration(folder / "calibration.json", calibration)
     (folder / "report.html").unlink(missing_ok=True)  # an older one would not belong to these results
     say_calibration(request, calibration, evidence.notes, time.perf_counter() - started)
-    with progress_bars() as progress:
-        findings = judge(request, calibration, evidence.notes, progress, drawn)
-    with console.status("drawing the report"):
-        write_findings(request, findings)
+    with naming([*request.outputs, folder / "corners.csv", folder / "calibration.json"]):
+        with progress_bars() as progress:
+            findings = judge(request, calibration, evidence.notes, progress, drawn)
+        with console.status("drawing the report"):
+            write_findings(request, findings)
     console.print(f"-> {', '.join(map(str, request.outputs))}, report in {folder}/report.html")
 
 

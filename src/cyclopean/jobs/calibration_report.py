@@ -131,7 +131,7 @@ def _alone(calibration):
 def _depth_errors(request, calibration, warnings):
     from ..calibration.trust import depth_errors
 
-    depths = request.depths or calibration.setup.depths
+    depths = calibration.setup.depths if request.depths is None else request.depths
     places = None if depths is None else np.linspace(depths[0], depths[1], _DEPTHS)
     try:
         errors = depth_errors(calibration, places, channel=len(calibration.setups) // 2)
@@ -176,7 +176,7 @@ def _comparison(request, calibration, drawn, warnings, progress):
 def _guidance(request, calibration, channel):
     from ..calibration.guidance import guide
 
-    depths = request.depths or calibration.setup.depths
+    depths = calibration.setup.depths if request.depths is None else request.depths
     try:
         found = guide(
             calibration,

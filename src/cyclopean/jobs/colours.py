@@ -82,7 +82,8 @@ def chosen_colours(
 
 def _plain(photograph, setup, depths):
     rig = setup.rig()
-    return Coloured(photograph, rig, None, depths or setup.depths or rig.working_depths, "", [])
+    depths = depths if depths is not None else setup.depths or rig.working_depths
+    return Coloured(photograph, rig, None, depths, "", [])
 
 
 def _of_channel(setups, number):
@@ -96,7 +97,8 @@ def _brought_together(photograph, setups, depths):
     rigs = channel_rigs(setups if len(setups) == 3 else setups[0], depths)
     if rigs[0] is rigs[1]:  # mirrors
         return _plain(photograph, setups[1], depths)
-    depths = depths or setups[len(setups) // 2].depths or rigs[1].working_depths
+    if depths is None:
+        depths = setups[len(setups) // 2].depths or rigs[1].working_depths
     middle = middle_inverse_depth(depths)
     expected = expected_shifts(rigs, middle)
     red, _, blue = np.linalg.norm(expected, axis=-1).max(0)
@@ -106,7 +108,7 @@ def _brought_together(photograph, setups, depths):
             f"by these setups red lies up to {red:.0f} px from green and blue up to {blue:.0f} px; no glass bends "
             "colours so differently: are all three of the optic and the camera that took this photograph?"
         )
-    note = f"red is brought to green by up to {red:.1f} px, blue by up to {blue:.1f} px"
+    note = f"red is brought to green by up to {red:.1f} px, blue by up to {blue:.1f} px at {1 / middle:.0f} mm"
     measured = channel_shifts(photograph, rigs[1])
     missed, warnings = np.linalg.norm(measured.shifts - expected, axis=-1), []
     if _sure(missed, measured).any():

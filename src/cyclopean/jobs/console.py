@@ -25,7 +25,7 @@ def counted(count: int, what: str) -> str:
 
 def chosen_depths(asked: tuple[float, float] | None, setup: Setup, rig: Rig) -> tuple[float, float]:
     """The depths (near, far) mm that were asked for, else the setup's, else those at which its rig is of use."""
-    return rig.check_depths(asked or setup.depths or rig.working_depths)
+    return rig.check_depths(asked if asked is not None else setup.depths or rig.working_depths)
 
 
 def save_figure(figure, path: Path) -> None:
@@ -47,6 +47,16 @@ def use_threads(threads: int | None) -> None:
         raise SetupError(f"--threads must lie between 1 and {numba.config.NUMBA_NUM_THREADS}, got {threads}")
     numba.set_num_threads(threads)
     cv2.setNumThreads(threads)
+
+
+@contextmanager
+def naming(files: list[Path]):
+    """Names, where the work is interrupted, those of the files that are there by then."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        there = ", ".join(str(path) for path in files if path.exists())
+        raise KeyboardInterrupt(f"complete and kept: {there}" if there else "") from None
 
 
 @contextmanager

@@ -139,7 +139,7 @@ def _virtual_cameras(
     wrong = ", ".join(str(k) for k in numbers if not 0 <= k < len(rig))
     if wrong:
         raise SetupError(f"there is no view {wrong}: the setup has views 0 to {len(rig) - 1}")
-    depths = depths or setup.depths or rig.working_depths
+    depths = depths if depths is not None else setup.depths or rig.working_depths
     title = f"the pinholes that fit best between {depths[0]:g} and {depths[1]:g} mm"
     table = Table(
         "view", "centre x, y, z (mm)", "departure rms (px)", "largest (px)", title=title, title_justify="left", box=None

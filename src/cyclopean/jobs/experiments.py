@@ -37,7 +37,7 @@ def run_experiment(name: str, facets: int | None, options: Options, output: Path
         if options.data is None:
             with console.status("setting up"):
                 folders = None
-                material = _computed(name, facets, options, drawing, depths or DEPTHS)
+                material = _computed(name, facets, options, drawing, DEPTHS if depths is None else depths)
         else:
             material, folders = _photographed(name, options.data, drawing, depths, progress)
         experiment = perform(

@@ -68,7 +68,7 @@ def show_field(setup_file: Path, depths: tuple[float, float] | None, views: int 
 
 def find_field(setup: Setup, rig: Rig, depths: tuple[float, float] | None) -> Field:
     """Everything that tracing and the closed forms tell about the field."""
-    near, far = depths or setup.depths or rig.working_depths
+    near, far = depths if depths is not None else setup.depths or rig.working_depths
     closed, note = closed_forms(setup)
     common = CommonField.of(rig)
     volumes = common.volumes((near, far))

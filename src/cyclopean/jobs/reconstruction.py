@@ -23,12 +23,13 @@ from ..files import (
 from ..files.meshes import write_mesh
 from ..geometry import as_rgb
 from .colours import chosen_colours, read_setups
-from .console import console, progress_bars, save_figure, use_threads
+from .console import console, naming, progress_bars, save_figure, use_threads
 from .matchers import OURS, chosen_engine
 
 if TYPE_CHECKING:
     from ..pipeline import Reconstruction
 
+_FEW = 0.2  # of the pixels of all views: fewer with a depth, and something is wrong
 DEMO = Path(__file__).parents[1] / "demo"
 
 
@@ -80,15 +81,34 @@ def run_reconstruction(
             np.savez(file, origin=depth_map.origin, inverse_depth=depth_map.inverse_depth, sigma=depth_map.sigma)
         kept.append(path)
 
-    with progress_bars() as progress:
-        result = run(photograph, rig, depths, progress=progress, keep=keep)
-    matched = time.perf_counter() - started
-    with console.status("writing points, pictures and report"):
-        write_results(folder, photo, setup_files, photograph, result, matched, settings, warnings)
-        mesh_file = mesh and write_surface(folder / f"mesh.{mesh}", photograph, result, mesh_step)
+    with naming(kept):
+        with progress_bars() as progress:
+            result = run(photograph, rig, depths, progress=progress, keep=keep)
+        matched = time.perf_counter() - started
+        doubts = few_depths(result)
+        with console.status("writing points, pictures and report"):
+            write_results(folder, photo, setup_files, photograph, result, matched, settings, warnings + doubts)
+            mesh_file = mesh and write_surface(folder / f"mesh.{mesh}", photograph, result, mesh_step)
     for path in kept:
         path.unlink(missing_ok=True)
-    say_results(result, folder, time.perf_counter() - started, mesh_file)
+    say_results(result, folder, time.perf_counter() - started, mesh_file, doubts)
+
+
+def few_depths(result: Reconstruction) -> list[str]:
+    """A warning where so few pixels of the views have a depth that something must be wrong; else nothing."""
+    inside = result.view >= 0
+    share = float(np.isfinite(result.depth[inside]).mean()) if inside.any() else 0.0
+    if share >= _FEW:
+        return []
+    came = (
+        f"only {100 * share:.2g} % of the pixels have a depth, and these may be wrong"
+        if share
+        else "no depth was found"
+    )
+    return [
+        f"{came}: is this the setup that took the photograph, does the depth range ({result.depths[0]:g} to "
+        f"{result.depths[1]:g} mm) hold the scene, and is the scene in focus and textured?"
+    ]
 
 
 def write_surface(path: Path, photograph: np.ndarray, result: Reconstruction, stride: int) -> str:
@@ -97,7 +117,9 @@ def write_surface(path: Path, photograph: np.ndarray, result: Reconstruction, st
 
     surface = build_mesh(result.rig, result.maps, stride=stride)
     if not len(surface.faces):
-        return "no mesh: no surface was found"
+        if not len(result.points):
+            return "no mesh: no depth was found"
+        return f"no mesh: no cell of {stride} px has depth at all corners: try a smaller --mesh-step"
     colours = as_rgb(photograph)[surface.pixels[:, 1], surface.pixels[:, 0]]
     count = write_mesh(path, surface.vertices, surface.faces, colors=colours)
     return f"{path.name}  {count:,} triangles"
@@ -168,19 +190,17 @@ def view_row(result: Reconstruction, k: int) -> tuple[str, ...]:
     return str(k), f"{mine.sum():,}", f"{share:.1f}", f"{median:.1f}", f"{spread:.3f}"
 
 
-def say_results(result: Reconstruction, folder: Path, seconds: float, mesh: str | None = None) -> None:
-    """Tell the person what came out."""
+def say_results(
+    result: Reconstruction, folder: Path, seconds: float, mesh: str | None = None, doubts: Sequence[str] = ()
+) -> None:
+    """Tell the person what came out, and the doubts about it."""
     columns, rows = view_table(result)
     table = Table(*columns, box=None)
     for row in rows:
         table.add_row(*row)
     console.print(table)
-    if not len(result.points):
-        console.print(
-            "warning: no depth was found: is this the setup that took the photograph, does the depth range "
-            "hold the scene, and is the scene textured?",
-            style="yellow",
-        )
+    for doubt in doubts:
+        console.print(f"warning: {doubt}", style="yellow")
     console.print(
         f"{np.isfinite(result.depth).sum():,} pixels with depth fused to {len(result.points):,} points in "
         f"{seconds:.1f} s -> {folder}/"

@@ -24,7 +24,7 @@ def print_info(setup_file: Path, depths: tuple[float, float] | None, noise_px: f
     setup = read_setup(setup_file)
     rig = setup.rig()
     with console.status("tracing"):
-        summary = summarise(rig, depths or setup.depths, noise_px)
+        summary = summarise(rig, setup.depths if depths is None else depths, noise_px)
     camera = setup.camera
     console.print(
         f"{setup_file}: camera {camera.size[0]} x {camera.size[1]} px, focal length "

@@ -45,7 +45,8 @@ def reconstruct(
         The rigs of red, green and blue (`rectification.channel_rigs`) that the photograph is `compensated` for at
         the middle of the depths; each colour is matched along its own rays. `rig` must be that of green then.
     step : float
-        Movement between two depth hypotheses in the most sensitive view, px.
+        Movement between two depth hypotheses in the most sensitive view, px; the search itself takes every second
+        one, at half the resolution. Larger is faster, and wrong more often at edges.
     memory_mib : float
         Memory for the search, MiB. Results do not depend on it.
     strict : bool
@@ -81,6 +82,8 @@ def reconstruct(
         raise SetupError(f"matching needs at least 64 MiB of memory, got {memory_mib}; 1024 is usual")
     depths = rig.check_depths(rig.working_depths if depths is None else depths)
     ready = plan_of(rig, depths, step=step, channels=channels, progress=_named(progress, "maps between the views"))
+    if progress is not None:
+        progress("matching", 0, len(rig) * (len(ready.references[0].lines) + 2))  # two steps more than resolutions
     maps = match(
         photograph, ready, memory_mib=memory_mib, strict=strict, progress=_named(progress, "matching"), keep=keep
     )
@@ -117,6 +120,8 @@ def plan_of(
     if key not in kept:
         hypotheses = inverse_depths(rig, depths, step)
         warps = []
+        if progress is not None:
+            progress(0, len(rig))
         for k in range(len(rig)):
             warps.append(sweep(rigs, k, hypotheses))
             if progress is not None:

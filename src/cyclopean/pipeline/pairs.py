@@ -98,6 +98,8 @@ def reconstruct_by_pairs(
     for k, view in enumerate(rig):
         pixels = np.argwhere(masks[k])[:, ::-1]
         found = []
+        if progress is not None:
+            progress(view.name, 0, len(rig) - 1)
         for j in (j for j in range(len(rig)) if j != k):
             focal = scale * float(np.mean(view.camera.focal))
             pair = rectify((view, rig[j]), (cameras[k], cameras[j]), depths, focal)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ..geometry import as_rgb
 from ..rigs import Rig
@@ -61,6 +62,9 @@ def draw_depth(axes: Axes, depth: np.ndarray) -> None:
     shades = colormaps["viridis_r"].with_extremes(bad="#c8c8c8")
     image = axes.imshow(np.ma.masked_invalid(depth), cmap=shades, vmin=low, vmax=high, interpolation="nearest")
     axes.set_axis_off()
+    if not known.size:
+        axes.text(0.5, 0.5, "no depth", transform=axes.transAxes, ha="center", va="center", fontsize=16)
+        return
     axes.figure.colorbar(image, ax=axes, label="depth Z (mm), grey: unknown", fraction=0.04, pad=0.02)
 
 
@@ -74,16 +78,23 @@ def cloud_picture(points: np.ndarray, colours: np.ndarray) -> Figure:
 def draw_cloud(axes, points: np.ndarray, colours: np.ndarray) -> None:
     """Draw points on 3-D axes, z (depth) to the back and y down."""
     if not len(points):
-        axes.set_title("no points")
+        axes.text2D(0.5, 0.5, "no points", transform=axes.transAxes, ha="center", va="center", fontsize=16)
+        axes.set_axis_off()
         return
     pick = np.random.default_rng(0).permutation(len(points))[:_DRAWN_POINTS]
     x, y, z = points[pick].T
     axes.scatter(x, z, -y, c=colours[pick] / 255.0, s=0.8, linewidths=0, depthshade=False)
-    axes.set(xlabel="x (mm)", ylabel="depth z (mm)", zlabel="-y (mm)")
+    axes.set(zlabel="-y (mm)")
+    axes.set_xlabel("x (mm)", labelpad=7)
+    axes.set_ylabel("depth z (mm)", labelpad=7)
     spans = [np.ptp(np.percentile(v, [0.5, 99.5])) for v in (x, z, -y)]
     for set_limits, values in ((axes.set_xlim, x), (axes.set_ylim, z), (axes.set_zlim, -y)):
         set_limits(*np.percentile(values, [0.2, 99.8]))
-    axes.set_box_aspect(np.maximum(spans, 0.25 * max(spans) + 1e-9))
+    sides = np.maximum(spans, 0.25 * max(spans) + 1e-9)
+    longest = max(sides) / np.linalg.norm(sides)  # a long box is drawn smaller, or its labels would lie outside
+    axes.set_box_aspect(sides, zoom=min(0.85, 0.55 / longest))
+    for axis, side in zip((axes.xaxis, axes.yaxis, axes.zaxis), sides, strict=True):
+        axis.set_major_locator(MaxNLocator(max(2, round(7 * side / max(sides))), steps=[1, 2, 5, 10]))
     axes.view_init(elev=22, azim=-62)
     axes.tick_params(labelsize=7)
 
@@ -100,7 +111,7 @@ def overview_picture(
     second.set_title("depth of every pixel")
     third = figure.add_subplot(1, 3, 3, projection="3d")
     draw_cloud(third, points, colours)
-    third.set_title(f"{len(points):,} points")
+    third.set_title(f"{len(points):,} points", y=0.98)  # close to the box, which leaves room above it
     return figure
 
 

@@ -51,7 +51,9 @@ def channel_rigs(setups: Setup | Sequence[Setup], depths: tuple[float, float] | 
         rig = setups[1].rig()
         return rig, rig, rig
     rigs = check_channels([setup.rig() for setup in setups])
-    middle = middle_inverse_depth(depths or setups[1].depths or rigs[1].working_depths)
+    if depths is None:
+        depths = setups[1].depths or rigs[1].working_depths
+    middle = middle_inverse_depth(depths)
     regions = [_shared_region(rigs, k, middle) for k in range(len(rigs[1]))]
     return tuple(
         Rig(tuple(_with_region(view, region) for view, region in zip(rig, regions, strict=True))) for rig in rigs

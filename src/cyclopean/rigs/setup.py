@@ -63,8 +63,10 @@ class Setup:
             )
         if self.dispersion is not None and medium(self.dispersion).formula == "constant":
             raise SetupError(f"dispersion is the name of a glass, such as N-BK7, got {self.dispersion}")
-        if self.depths is not None and not 0 < self.depths[0] < self.depths[1]:
-            raise SetupError(f"depths must be (near, far) with 0 < near < far in mm, got {self.depths}")
+        if self.depths is not None:
+            if len(self.depths) != 2 or not 0 < self.depths[0] < self.depths[1]:
+                raise SetupError(f"depths must be (near, far) with 0 < near < far in mm, got {self.depths}")
+            object.__setattr__(self, "depths", tuple(float(depth) for depth in self.depths))
         for name in ("f_number", "focus_distance"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
