@@ -252,8 +252,9 @@ def agreement_stage(given: Ready) -> Stage:
     both = [given.depth, given.depth]
     operations = 6 * given.order + 4 * (given.order - 1) + 20
     bytes_each = 4 + 4 + 1 + 8 * given.order / given.plan.references[0].spacing
-    return Stage("agreement", "pixel, view", 2 * given.depth.size, lambda: agreement(given.plan, both, 1.0), bytes_each,
-                 operations, 1)  # fmt: skip
+    tolerances = [1.0, 1.0]
+    return Stage("agreement", "pixel, view", 2 * given.depth.size, lambda: agreement(given.plan, both, tolerances),
+                 bytes_each, operations, 1)  # fmt: skip
 
 
 def striped(depth: np.ndarray, width: int) -> np.ndarray:

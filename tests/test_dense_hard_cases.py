@@ -166,7 +166,7 @@ def test_bars_4_px_wide_are_left_out_or_right():
     shot = take(rig_of(3), *bars, Plane(800, texture(800)))
     found = look(shot, shot.light, 1)
     distance, wall = edge_distance(shot), shot.common & (shot.surface == 3)
-    assert found.wrong(shot.surface < 3) <= 0.1  # windows are wider than they are
+    assert found.wrong(shot.surface < 3) <= 0.12  # windows are wider than they are
     assert found.wrong(wall & (distance > 3)) <= 0.005
     assert found.known(wall & (distance > 3)) >= 0.93
 
