@@ -301,7 +301,7 @@ def fill(
 
 
 @njit(parallel=True, cache=True, fastmath=FAST, error_model="numpy")
-def _visible(lines, spacing, stride, half, every, others, frames, starts, weights, mask):
+def _visible(lines, spacing, stride, every, others, frames, starts, weights, mask):
     """Leave those pixels of a mask (h, w) that some other view sees at one of every few hypotheses."""
     height, width = mask.shape
     channels = len(lines) // len(others)
@@ -331,7 +331,7 @@ def visible(layout, reference, stride):
     """
     mask = np.ascontiguousarray(layout.inner(layout.weights, reference.number)[::2, ::2] > 0)
     every = max(4, reference.depths // stride // 4)
-    maps = reference.lines[stride], reference.spacing, stride, reference.half(stride), every, reference.others
+    maps = reference.lines[stride], reference.spacing, stride, every, reference.others
     _visible(*maps, layout.frames, layout.starts, layout.weights, mask)
     return mask
 

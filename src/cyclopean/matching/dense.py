@@ -16,7 +16,7 @@ from .pictures import prepare
 from .places import ALONE
 from .plans import Plan
 from .refinement import refined
-from .surfaces import doubled, median, smooth
+from .surfaces import doubled, enlarged, median, smooth
 
 _CLEAR = 0.15  # second best, of the ridge before it: less is doubtful, as in repeated texture
 _AROUND, _DOUBT = 9, 0.4  # px of half resolution around a pixel, and their doubtful share that takes its depth away
@@ -109,17 +109,16 @@ def match(
     if cost not in MARGINS:
         raise SetupError(f"cost must be one of {sorted(MARGINS)}, got {cost!r}")
     prepared = prepare(image, plan)
-    stages = len(plan.references[0].lines) + 2
-    ticks, total = itertools.count(1), len(plan.references) * stages
+    ticks = itertools.count(1)
 
     def tick():
         if progress is not None:
-            progress(next(ticks), total)
+            progress(next(ticks), plan.steps)
 
     maps = []
     for reference in plan.references:
         with ALONE:
-            coarse = _searched(prepared, plan, reference, cost, memory_mib, strict, tick)
+            coarse = _searched(prepared, reference, cost, memory_mib, strict, tick)
             maps.append(_sharpened(prepared, plan, reference, coarse, strict, tick))
         if keep is not None:
             keep(reference.number, maps[-1])
@@ -151,7 +150,7 @@ def checked(plan: Plan, maps, strict=True) -> list[DepthMap]:
     return [one.where(good) for one, good in zip(maps, agreed, strict=True)]
 
 
-def _searched(prepared, plan, reference, cost, memory_mib, strict, tick):
+def _searched(prepared, reference, cost, memory_mib, strict, tick):
     """Inverse depth in steps of every other pixel, coarse to fine; if strict, NaN where several depths fit alike."""
     steps = doubtful = np.zeros((1, 1), np.float32)
     coarsest = len(reference.lines) - 1
@@ -226,7 +225,7 @@ def _sharpened(prepared, plan, reference, steps, strict, tick):
     good &= _own_texture(smooths[0].own(reference.number))
     sigma = sigma / np.sqrt(1 + (sigma / np.float32(_BEFORE)) ** 2)  # of both, what was known before and the pictures
     if not strict:
-        coarse_sigma, coarse_score = (np.repeat(np.repeat(one, 2, 0), 2, 1)[: size[1], : size[0]] for one in half)
+        coarse_sigma, coarse_score = (enlarged(one, size) for one in half)
         sigma = np.where(good, sigma, coarse_sigma * np.float32(np.sqrt(_ALIKE)))
         good |= (coarse_sigma * motion <= _LOOSE_SIGMA) & (coarse_score >= _LOOSE_SCORE)
     good &= warps.reference_mask() & (steps >= 0) & (steps <= reference.depths - 1)

@@ -39,6 +39,11 @@ class Plan:
     references: tuple[Reference, ...]  # each view as the reference
     channels: int  # colours matched by themselves; 1: their mean
 
+    @property
+    def steps(self) -> int:
+        """Steps of a match that its progress counts: for each view one a resolution, and two more."""
+        return len(self.references) * (len(self.references[0].lines) + 2)
+
 
 def plan(warps, channels: int | None = None) -> Plan:
     """Prepare the matching of all views of photographs of one rig.

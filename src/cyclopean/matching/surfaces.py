@@ -64,8 +64,12 @@ def extremes(depth, radius):
 
 def doubled(depth, size):
     """A map of twice the size: each pixel as the nearest of the coarse ones, holes of one pixel closed."""
-    closed = np.where(np.isnan(depth), _known_mean(depth), depth)
-    return np.ascontiguousarray(np.repeat(np.repeat(closed, 2, 0), 2, 1)[: size[1], : size[0]])
+    return enlarged(np.where(np.isnan(depth), _known_mean(depth), depth), size)
+
+
+def enlarged(values, size):
+    """An array (h, w) of twice the size, cut to (width, height): each pixel as the nearest of the coarse ones."""
+    return np.ascontiguousarray(np.repeat(np.repeat(values, 2, 0), 2, 1)[: size[1], : size[0]])
 
 
 def _known_mean(depth):

@@ -83,7 +83,7 @@ def reconstruct(
     depths = rig.check_depths(rig.working_depths if depths is None else depths)
     ready = plan_of(rig, depths, step=step, channels=channels, progress=_named(progress, "maps between the views"))
     if progress is not None:
-        progress("matching", 0, len(rig) * (len(ready.references[0].lines) + 2))  # two steps more than resolutions
+        progress("matching", 0, ready.steps)
     maps = match(
         photograph, ready, memory_mib=memory_mib, strict=strict, progress=_named(progress, "matching"), keep=keep
     )
