@@ -30,7 +30,7 @@ LAYERS = (
 # The matcher takes images and maps: it never sees a lens.
 NEVER = {"matching": {"optics", "cameras", "rigs"}}
 # What `import cyclopean` must leave for later, because it is slow to import.
-HEAVY = {"numba", "cv2", "matplotlib", "scipy", "trimesh", "pydantic"}
+HEAVY = {"numba", "cv2", "matplotlib", "scipy", "trimesh", "embreex", "pydantic"}
 
 ROW = {name: row for row, names in enumerate(LAYERS) for name in names}
 
