@@ -16,7 +16,7 @@ demo: $(INSTALLED)
 	$(BIN)/cyclopean demo
 
 test: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 8 --dist worksteal
 
 lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
