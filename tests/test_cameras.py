@@ -1,5 +1,7 @@
 """The camera against OpenCV, round trips, and lenses that fold the picture over."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -162,3 +164,13 @@ def test_no_two_directions_share_a_pixel_where_tangential_terms_fold():
     back = camera.normalise(pixels)[known]
     good = np.isfinite(back).all(-1)
     np.testing.assert_allclose(back[good], place[known][good], atol=1e-9)
+
+
+def test_larger_pixels_see_the_same(rng):
+    camera = replace(camera_of(LENSES[3]), pixel_pitch=0.005)
+    coarse = camera.with_larger_pixels(4)
+    assert coarse.size == (320, 240)
+    assert coarse.pixel_pitch == pytest.approx(0.02)
+    pixels = rng.uniform(0, 900, (50, 2))
+    there = (pixels + 0.5) / 4 - 0.5  # outer edges fall on outer edges
+    np.testing.assert_allclose(coarse.normalise(there), camera.normalise(pixels), atol=1e-12)  # roundings of the lens

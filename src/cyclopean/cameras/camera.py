@@ -74,6 +74,14 @@ class Camera:
         v = [float(x) for x in np.asarray(values, dtype=float)]
         return replace(self, focal=(v[0], v[1]), centre=(v[2], v[3]), distortion=tuple(v[4:]))  # type: ignore[arg-type]
 
+    def with_larger_pixels(self, factor: float) -> Camera:
+        """The same lens before pixels so many times as large; the picture's size is rounded to whole ones."""
+        width, height = (max(round(side / factor), 1) for side in self.size)
+        x, y = ((place + 0.5) / factor - 0.5 for place in self.centre)
+        pitch = None if self.pixel_pitch is None else factor * self.pixel_pitch
+        focal = self.focal[0] / factor, self.focal[1] / factor
+        return replace(self, size=(width, height), focal=focal, centre=(x, y), pixel_pitch=pitch)
+
     @cached_property
     def fold_radius(self) -> float:
         """Largest undistorted radius (tangent of the field angle) at which the lens model is one-to-one.

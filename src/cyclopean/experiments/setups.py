@@ -8,18 +8,23 @@ import numpy as np
 
 from ..cameras import Camera
 from ..errors import OpticError, SetupError
-from ..geometry import nearest_point
 from ..optics import Prism, medium
-from ..rigs import Rig, Setup
+from ..rigs import Setup
 from ..rigs.setup import D_LINE_NM
+from ..rigs.sizing import (
+    apex_depth,
+    axis_deviation,
+    baseline,
+    covering_solid,
+    flat_distance,
+    usual_azimuth,
+    virtual_centres,  # noqa: F401  one of the names of this package
+)
 
 CAMERA = Camera((1280, 960), (2400.0, 2400.0))
 DEPTHS = (600.0, 1600.0)  # mm
-_STANDARD = {2: (12.0, 40.0, 0.0), 3: (12.0, 40.0, 90.0), 4: (15.0, 45.0, 45.0)}  # facets: apex, baseline, azimuth
-_OTHERS = (15.0, 45.0, 90.0)
-_ACROSS = 41  # samples across the picture
-_COVER = 1.08  # of the half diagonal of the picture at the apex: how far the glass reaches
-_EDGE = 1.5  # mm, of glass at the rim
+_STANDARD = {2: (12.0, 40.0), 3: (12.0, 40.0)}  # facets: apex, baseline
+_OTHERS = (15.0, 45.0)
 _NEAREST = 5.0  # mm, from the pinhole to the glass
 _TOLERANCE = 1e-6  # mm, of the baseline
 _ITERATIONS = 20
@@ -93,7 +98,7 @@ def standard_setup(
     camera : Camera
         The real camera.
     azimuth_deg : degrees, optional
-        Of facet 0.
+        Of facet 0; `usual_azimuth` where it is not given.
     nearest : mm
         Depth of the nearest target: the prism must stand before it.
     wavelength_nm : float
@@ -112,80 +117,32 @@ def standard_setup(
     that `baseline` measures depend on the whole bundle of rays; the secant method finds the distance that gives them
     the baseline wanted.
     """
-    apex, usual, azimuth = _STANDARD.get(facets, _OTHERS)
+    apex, usual = _STANDARD.get(facets, _OTHERS)
     apex = apex if apex_deg is None else float(apex_deg)
     wanted = usual if baseline is None else float(baseline)
-    turn = azimuth if azimuth_deg is None else float(azimuth_deg)
+    turn = usual_azimuth(facets) if azimuth_deg is None else float(azimuth_deg)
     if not 0 < apex < 90:
         raise SetupError(f"the facets' angle must lie between 0 and 90 degrees, got {apex:g}")
     if not 0 < wanted < np.inf:
         raise SetupError(f"the baseline must be a positive number of mm, got {wanted}")
 
     def at(distance):
-        thickness, radius = _solid(camera, apex, distance)
+        thickness, radius = covering_solid(camera, apex, distance)
         prism = Prism(facets, apex, glass, distance, thickness, radius, azimuth_deg=turn)
         return Setup(camera, prism, wavelength_nm)
 
     at(_NEAREST).rig()  # what cannot be a prism at all is said here
     slope = _slope(facets, apex, glass, wavelength_nm)
-    shortest, longest = (_apex_depth(camera, apex, _NEAREST) * slope, 0.95 * nearest * slope)
+    shortest, longest = (apex_depth(camera, apex, _NEAREST) * slope, 0.95 * nearest * slope)
     if not shortest <= wanted <= longest:
         raise SetupError(_out_of_reach(wanted, shortest, longest, facets, apex, nearest))
-    return _solve(at, wanted, _distance(camera, apex, wanted / slope))
-
-
-def virtual_centres(rig: Rig) -> np.ndarray:
-    """Optical centres (V, 3) mm of the virtual cameras: the point nearest to all rays of each view."""
-    width, height = rig.size
-    step = max(width, height) / _ACROSS
-    grid = np.meshgrid(np.arange(step / 3, width - 1, step), np.arange(step / 3, height - 1, step))
-    pixels = np.stack(grid, -1).reshape(-1, 2)  # of the picture, not of each view: they stay as the optic moves
-    centres = [nearest_point(view.rays(pixels[view.region.contains(pixels)])).points for view in rig]
-    return np.array(centres)
-
-
-def baseline(rig: Rig) -> float:
-    """Mean distance (mm) of the optical centres of neighbouring views: of facets that share an edge."""
-    if len(rig) < 2:
-        raise SetupError("a baseline lies between two views, but this rig has one")
-    centres = virtual_centres(rig)
-    following = np.roll(centres, -1, axis=0)
-    return float(np.linalg.norm(following - centres, axis=-1).mean())
+    return _solve(at, wanted, float(flat_distance(camera, apex, wanted / slope)))
 
 
 def _slope(facets, apex_deg, glass, wavelength_nm):
     """Baseline over depth of the apex, by light along the axis."""
-    angle = np.deg2rad(apex_deg)
     index = glass if isinstance(glass, float | int) else medium(glass).index_in_air(wavelength_nm)
-    return 2 * np.sin(np.pi / facets) * np.tan(np.arcsin(index * np.sin(angle)) - angle)
-
-
-def _solid(camera, apex_deg, distance):
-    """Thickness and radius (mm) of the prism that just covers the picture."""
-    apex = _apex_depth(camera, apex_deg, distance)
-    return apex - distance, _reach(camera) * apex
-
-
-def _reach(camera):
-    """Radius that covers the picture, over depth."""
-    return _COVER * float(np.hypot(*np.divide(camera.size, camera.focal))) / 2
-
-
-def _apex_depth(camera, apex_deg, distance):
-    """Depth of the apex (mm): thickness = radius tan(apex) + edge, with the radius that covers the picture there."""
-    slope = _reach(camera) * np.tan(np.deg2rad(apex_deg))
-    if not 0 < slope < 0.9:
-        raise SetupError(
-            f"no prism with facets of {apex_deg:g} degrees covers this camera's field of "
-            f"{2 * np.degrees(np.arctan(_reach(camera) / _COVER)):.0f} degrees: its rim would be thinner than nothing; "
-            "take a longer lens or flatter facets"
-        )
-    return (distance + _EDGE) / (1 - slope)
-
-
-def _distance(camera, apex_deg, apex_depth):
-    slope = _reach(camera) * np.tan(np.deg2rad(apex_deg))
-    return apex_depth * (1 - slope) - _EDGE
+    return 2 * np.sin(np.pi / facets) * np.tan(axis_deviation(index, apex_deg))
 
 
 def _solve(at, wanted, first):

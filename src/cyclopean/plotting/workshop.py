@@ -122,12 +122,10 @@ def aperture_margin(setup: Setup) -> float:
 
     Half the entrance pupil, less what the cone towards the focused point has closed by there; 0 for a pinhole.
     """
-    pitch, distance = setup.camera.pixel_pitch, getattr(setup.optic, "distance", 0.0)
-    if setup.f_number is None or setup.focus_distance is None or pitch is None:
+    distance = getattr(setup.optic, "distance", 0.0)
+    if setup.f_number is None or setup.focus_distance is None or setup.camera.pixel_pitch is None:
         return 0.0
-    image = setup.camera.focal[0] * pitch
-    pupil = 1 / (1 / image + 1 / setup.focus_distance) / setup.f_number
-    return float(pupil / 2 * max(1 - distance / setup.focus_distance, 0.0))
+    return float(setup.pupil_diameter / 2 * max(1 - distance / setup.focus_distance, 0.0))
 
 
 def light_aperture(setup: Setup) -> ClearAperture:

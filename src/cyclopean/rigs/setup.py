@@ -100,22 +100,30 @@ class Setup:
             views.append(view)
         return Rig(tuple(views))
 
+    @property
+    def pupil_diameter(self) -> float:
+        """Diameter D (mm) of the entrance pupil, around the pinhole; 0 for a pinhole.
+
+        A thin lens, whose sensor stands where it is sharp: D = f / f_number, 1 / f = 1 / image distance + 1 / focus
+        distance.
+        """
+        if self.f_number is None or self.focus_distance is None:
+            return 0.0
+        if self.camera.pixel_pitch is None:
+            raise SetupError("f_number and focus_distance need the camera's pixel_pitch (mm) to tell the aperture")
+        image = self.camera.focal[0] * self.camera.pixel_pitch  # mm: calibration finds the distance of lens and sensor
+        return 1 / (1 / image + 1 / self.focus_distance) / self.f_number
+
     def blend_band(self, path: Path) -> float:
         """Width (px) of the band around a seam in which the open aperture sees both facets; 0 for a pinhole.
 
         D (1 / z0 - 1 / Zf) times the camera's focal length in px, for an entrance pupil D, focus at Zf and a seam
-        that appears at z0: the pupil as seen through the seam, from where the lens focuses. A thin lens, whose
-        sensor stands where it is sharp: D = f / f_number, 1 / f = 1 / image distance + 1 / Zf.
+        that appears at z0: the pupil as seen through the seam, from where the lens focuses.
         """
-        pitch = self.camera.pixel_pitch
         if self.f_number is None or self.focus_distance is None or not path.interfaces:
             return 0.0
-        if pitch is None:
-            raise SetupError("f_number and focus_distance need the camera's pixel_pitch (mm) to tell the blend band")
-        image = self.camera.focal[0] * pitch  # mm: what calibration finds is the distance from lens to sensor
-        pupil = 1 / (1 / image + 1 / self.focus_distance) / self.f_number
         seam = min(_seam_depth(path), self.focus_distance)
-        return float(pupil * (1 / seam - 1 / self.focus_distance) * self.camera.focal[0])
+        return float(self.pupil_diameter * (1 / seam - 1 / self.focus_distance) * self.camera.focal[0])
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
