@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
-import zlib
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import ImageError, ShapeError
-from .disk import PathLike, read_bytes, replacing
+from .disk import PathLike, read_arrays, replacing
 
 _TYPES = {"depth": np.float32, "confidence": np.float32, "sigma": np.float32, "view": np.int8}
 CONVENTIONS = """\
@@ -62,14 +58,7 @@ def read_depths(path: PathLike) -> dict[str, np.ndarray]:
     ImageError
         When the file is missing, damaged, or no depth map.
     """
-    data = read_bytes(path, ImageError)
-    if not data.startswith(b"PK"):
-        raise ImageError(f"{path}: this is no NPZ file, so it is no depth map")
-    try:
-        with np.load(io.BytesIO(data)) as file:
-            arrays = {name: file[name] for name in _TYPES if name in file}
-    except (ValueError, OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error) as fault:
-        raise ImageError(f"{path}: the depth map is truncated or damaged; copy it again ({fault})") from fault
+    arrays = read_arrays(path, _TYPES, "depth map")
     if "depth" not in arrays:
         raise ImageError(f"{path}: this NPZ file holds no array named depth, so it is no depth map")
     return arrays

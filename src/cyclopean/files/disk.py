@@ -11,12 +11,16 @@ import re
 import secrets
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import zipfile
+import zlib
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from ..errors import CyclopeanError, OutputError, SetupError
+import numpy as np
+
+from ..errors import CyclopeanError, ImageError, OutputError, SetupError
 
 PathLike = str | os.PathLike[str]
 
@@ -31,6 +35,18 @@ def read_bytes(path: PathLike, error: type[CyclopeanError]) -> bytes:
     if not data:
         raise error(f"{path}: the file is empty (0 bytes); was it copied whole?")
     return data
+
+
+def read_arrays(path: PathLike, names: Collection[str], kind: str) -> dict[str, np.ndarray]:
+    """Those of the named arrays that an NPZ file holds; an ImageError that names the kind of file where it is none."""
+    data = read_bytes(path, ImageError)
+    if not data.startswith(b"PK"):
+        raise ImageError(f"{path}: this is no NPZ file, so it is no {kind}")
+    try:
+        with np.load(io.BytesIO(data)) as file:
+            return {name: file[name] for name in names if name in file}
+    except (ValueError, OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error) as fault:
+        raise ImageError(f"{path}: the {kind} is truncated or damaged; copy it again ({fault})") from fault
 
 
 def read_text(path: PathLike, kind: str) -> str:

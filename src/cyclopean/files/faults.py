@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import difflib
-import json
 from dataclasses import dataclass
 from typing import Any
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from .keys import about_unknown, meant_by, text_of
 from .tables import OPTICS, CameraTable, LightTable, MirrorTable, SceneTable, SetupTable, Table
 
 _TABLES: dict[str, type[Table]] = {"camera": CameraTable, "light": LightTable, "scene": SceneTable}
@@ -17,17 +17,7 @@ _HOMES = {
     **{f"[{name}]": table for name, table in _TABLES.items()},
     **{f'[optic] of kind "{kind}"': table for kind, table in OPTICS.items()},
 }
-_WANTED_UNITS = {
-    "mm": "lengths are in mm",
-    "deg": "angles are in degrees",
-    "px": "lengths on the picture are in px",
-    "nm": "wavelengths are in nm",
-    "um": "the distance between pixels is in micrometres",
-}
-_UNITS = {*_WANTED_UNITS, "m", "cm", "dm", "inch", "in", "rad", "mrad", "degrees", "degree", "arcmin", "pixels"}
 _WRONG_KIND_OF_TABLE = ("model_type", "model_attributes_type")
-_TEXT_LENGTH = 60  # of a value in a message
-_LIKENESS = 0.7  # of two keys, by difflib's measure, for one to be a slip of the other
 
 
 @dataclass(frozen=True)
@@ -75,7 +65,7 @@ def sentences(error: ValidationError, document: dict[str, Any]) -> list[str]:
         (place.path, name)
         for place, detail in found
         if detail["type"] == "extra_forbidden"
-        for name in _meant(str(place.key), place.table)
+        for name in meant_by(str(place.key), place.table)
     }
     said: dict[str, str] = {}
     for place, detail in found:
@@ -93,16 +83,16 @@ def _own_text(detail: ErrorDetails) -> str:
 
 def _sentence(place: _Place, detail: ErrorDetails, document: dict[str, Any]) -> str:
     value = place.value(document)
-    with_value = f"{place.name} = {_text(value)}"
+    with_value = f"{place.name} = {text_of(value)}"
     if detail["type"] == "extra_forbidden":
-        return f"{with_value}: {_about_unknown(str(place.key), place.table)}"
+        return f"{with_value}: {about_unknown(str(place.key), place.table, _HOMES)}"
     if detail["type"] == "union_tag_not_found":
         return 'optic.kind is missing: "prism", "mirrors" or "plate"'
     if detail["type"] == "union_tag_invalid":
         kind = value.get("kind")
         close = difflib.get_close_matches(str(kind), OPTICS, n=1)
         hint = f'; did you mean "{close[0]}"?' if close else ""
-        return f'optic.kind = {_text(kind)} must be "prism", "mirrors" or "plate"{hint}'
+        return f'optic.kind = {text_of(kind)} must be "prism", "mirrors" or "plate"{hint}'
     if detail["type"] in _WRONG_KIND_OF_TABLE:
         return f"{with_value} must be {place.wanted}"
     if _own_text(detail):
@@ -111,44 +101,3 @@ def _sentence(place: _Place, detail: ErrorDetails, document: dict[str, Any]) -> 
     if value is None:
         return f"{place.name} is missing: {place.wanted}"
     return f"{with_value} must be {place.wanted}"
-
-
-def _meant(key: str, table: type[Table]) -> list[str]:
-    """The keys of a table that an unknown one probably stands for."""
-    known = list(table.model_fields)
-    stem = _without_unit(key)
-    return [name for name in known if stem == _without_unit(name)] or difflib.get_close_matches(
-        key, known, 1, _LIKENESS
-    )
-
-
-def _without_unit(key: str) -> str:
-    stem, _, unit = key.rpartition("_")
-    return stem if unit in _UNITS else key
-
-
-def _about_unknown(key: str, table: type[Table]) -> str:
-    meant = _meant(key, table)
-    if meant and _without_unit(key) == _without_unit(meant[0]):
-        return "; ".join(f"{_WANTED_UNITS[name.rpartition('_')[2]]}: {name}" for name in meant)
-    for home, other in _HOMES.items():
-        if key in other.model_fields:
-            return f"this key belongs in {home}"
-    if meant:
-        return f"unknown key; did you mean {meant[0]}?"
-    return f"unknown key; the known ones are {', '.join(table.model_fields)}"
-
-
-def _text(value: Any) -> str:
-    """A value as it stands in the file, shortened."""
-    if isinstance(value, dict):
-        return "{...}"
-    if isinstance(value, list):
-        text = f"[{', '.join(map(_text, value))}]"
-    elif isinstance(value, bool):
-        text = str(value).lower()
-    elif isinstance(value, str):
-        text = json.dumps(value, ensure_ascii=False)
-    else:
-        text = str(value)
-    return text if len(text) <= _TEXT_LENGTH else f"{text[:_TEXT_LENGTH]}..."
