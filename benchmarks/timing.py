@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numba
@@ -25,11 +26,16 @@ def median_times(work: Callable[[], object], repeats: int, enough: float = np.in
     """Medians of the clock's and of the processor's time of repeats, s; no other begins after `enough` seconds."""
     taken: list[tuple[float, float]] = []
     while len(taken) < repeats and sum(clock for clock, _ in taken) < enough:
-        start = time.perf_counter(), time.process_time()
-        work()
-        taken.append((time.perf_counter() - start[0], time.process_time() - start[1]))
+        taken.append(timed(work)[1:])
     clock, processor = np.median(taken, axis=0)
     return float(clock), float(processor)
+
+
+def timed(work: Callable[[], Any]) -> tuple[Any, float, float]:
+    """What a piece of work returns, and its time by the clock and of the processor, s."""
+    start = time.perf_counter(), time.process_time()
+    found = work()
+    return found, time.perf_counter() - start[0], time.process_time() - start[1]
 
 
 def few_threads(threads: int) -> None:

@@ -22,6 +22,7 @@ from . import (  # noqa: F401  they register their commands
     reconstruction,
     regions,
     setups,
+    simulation,
     tolerances,
     workshop,
 )
