@@ -15,7 +15,7 @@ from ..calibration.prediction import Prediction, direct_view
 from ..calibration.unknowns import Unknowns
 from ..errors import SetupError
 from ..geometry import Pose
-from ..rigs import Setup
+from ..rigs import Rig, Setup
 from ..targets import DIRECT, Board, Observations, Target
 
 _ENOUGH = 6  # points of a view that a detector finds a board by
@@ -67,6 +67,7 @@ def usual_plan(
     direct_photos: int = 0,
     sigma: float = 0.02,
     free: Sequence[str] | None = None,
+    rig: Rig | None = None,
 ) -> CalibrationPlan:
     """A plan as a careful person would make it: the board tilted to all sides, in the middle and aside, near and far.
 
@@ -85,6 +86,8 @@ def usual_plan(
         Noise of a corner's coordinate, px.
     free : sequence of names, optional
         What the calibration finds.
+    rig : Rig, optional
+        That of the setup, where there is one already: its regions need not be traced again.
 
     Returns
     -------
@@ -93,7 +96,7 @@ def usual_plan(
     for what, count in (("photographs", photos), ("photographs without the optic", direct_photos)):
         if count != int(count) or count < 0:
             raise SetupError(f"the number of {what} must be 0 or more, got {count}")
-    fields = _fields(setup, np.geomspace(*depths, 3))
+    fields = _fields(setup.rig() if rig is None else rig, np.geomspace(*depths, 3))
     if target is None:
         target = _usual_board(*fields[1])
     poses = tuple(_pose(target, _place(fields, k), k) for k in range(int(photos)))
@@ -101,9 +104,9 @@ def usual_plan(
     return CalibrationPlan(target, poses, direct, sigma, None if free is None else tuple(free))
 
 
-def _fields(setup, depths):
+def _fields(rig, depths):
     """Middle (3,) and size (2,) mm of the common field at each depth."""
-    volume = working_volume(setup.rig(), depths, 12)
+    volume = working_volume(rig, depths, 12)
     fields = []
     for points, common in zip(volume.points, volume.common, strict=True):
         if common.any():
@@ -141,8 +144,12 @@ def _pose(target, there, k):
     return Pose(turn, there - turn @ middle)
 
 
-def observe(setup: Setup, plan: CalibrationPlan, rng: np.random.Generator | None = None) -> Observations:
+def observe(
+    setup: Setup, plan: CalibrationPlan, rng: np.random.Generator | None = None, rig: Rig | None = None
+) -> Observations:
     """The corners that photographs of a plan would show, with noise where a generator is given.
+
+    `rig` is that of the setup, where there is one already.
 
     Raises
     ------
@@ -151,7 +158,7 @@ def observe(setup: Setup, plan: CalibrationPlan, rng: np.random.Generator | None
     """
     points = np.asarray(plan.target.points, dtype=float)
     least = len(points) if getattr(plan.target, "kind", "") in _WHOLE else min(_ENOUGH, len(points))
-    through, direct = dict(enumerate(setup.rig())), {DIRECT: direct_view(setup)}
+    through, direct = dict(enumerate(setup.rig() if rig is None else rig)), {DIRECT: direct_view(setup)}
     rows, pixels = [], []
     for photo, pose in enumerate(plan.all_poses):
         views = through if photo < len(plan.poses) else direct
@@ -220,7 +227,9 @@ def free_of(plan: CalibrationPlan, toleranced: Sequence[str], setup: Setup, obse
     return (*usual, *(name for name in toleranced if camera or not name.startswith("camera.")))
 
 
-def remainder(setup: Setup, plan: CalibrationPlan, toleranced: Unknowns, sigmas: np.ndarray) -> Remainder:
+def remainder(
+    setup: Setup, plan: CalibrationPlan, toleranced: Unknowns, sigmas: np.ndarray, rig: Rig | None = None
+) -> Remainder:
     """What a calibration would leave of deviations from the drawing.
 
     Parameters
@@ -233,6 +242,8 @@ def remainder(setup: Setup, plan: CalibrationPlan, toleranced: Unknowns, sigmas:
         The T parameters that differ from the drawing.
     sigmas : (T,) array
         Standard deviations of their differences; the calibration is told them.
+    rig : Rig, optional
+        That of the setup, where there is one already.
 
     Returns
     -------
@@ -249,7 +260,7 @@ def remainder(setup: Setup, plan: CalibrationPlan, toleranced: Unknowns, sigmas:
     ----------
     Triggs et al. 2000, Bundle adjustment, a modern synthesis, section 6.1 (elimination of the poses).
     """
-    observations = observe(setup, plan)
+    observations = observe(setup, plan, rig=rig)
     names = free_of(plan, toleranced.names, setup, observations)
     known = {name: s for name, s in zip(toleranced.names, sigmas, strict=True) if s > 0}
     found = Unknowns.of([setup], names)

@@ -11,7 +11,7 @@ import numpy as np
 from ..calibration.depths import working_volume
 from ..calibration.unknowns import TIED_FOCAL, Unknowns
 from ..errors import SetupError
-from ..rigs import Setup
+from ..rigs import Rig, Setup
 from .budget import standard_tolerances
 from .sensitivity import point_sensitivity
 from .tolerance_calibration import CalibrationPlan, Remainder, remainder
@@ -119,6 +119,7 @@ def tolerance_analysis(
     plan: CalibrationPlan | None = None,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    rig: Rig | None = None,
 ) -> ToleranceAnalysis:
     """Draw real setups at random and find what depths come out where the drawing, or a calibration, is believed.
 
@@ -142,6 +143,8 @@ def tolerance_analysis(
         The same seed draws the same setups.
     progress : callable, optional
         Called as ``progress(done, draws)``.
+    rig : Rig, optional
+        That of the setup, where there is one already: its regions need not be traced again.
 
     Returns
     -------
@@ -166,13 +169,14 @@ def tolerance_analysis(
     chosen = _by_name(setup, usual_tolerances(setup) if tolerances is None else tolerances)
     unknowns = Unknowns.of([setup], tuple(chosen))
     chosen = {name: chosen[name] for name in unknowns.names}  # in the order of the setup
-    volume = _volume(setup, depths, samples)
+    rig = setup.rig() if rig is None else rig
+    volume = _volume(setup, rig, depths, samples)
     stream = np.random.default_rng([int(seed), 0])
     deviations = np.stack([tolerance.draw(stream, int(draws)) for tolerance in chosen.values()], -1)
     left = None
     if plan is not None:
         sigmas = np.array([tolerance.sigma for tolerance in chosen.values()])
-        left = remainder(setup, plan, unknowns, sigmas)
+        left = remainder(setup, plan, unknowns, sigmas, rig)
     work = _Work(setup, unknowns, volume, left, float(noise), int(seed))
     before, after = _draw_all(work, deviations, progress)
     return _result(work, chosen, deviations[: len(before)], before, after, plan, int(seed), int(draws))
@@ -202,8 +206,7 @@ def _by_name(setup, tolerances):
     return chosen
 
 
-def _volume(setup, depths, samples):
-    rig = setup.rig()
+def _volume(setup, rig, depths, samples):
     if depths is None:
         near, far = setup.depths or rig.working_depths
         depths = [float(f"{depth:.4g}") for depth in np.geomspace(near, far, _DEPTHS)]

@@ -12,6 +12,7 @@ from . import (  # noqa: F401  they register their commands
     calibration,
     camera,
     comparison,
+    design,
     epipolar,
     errors,
     exchange,
