@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 def markdown(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """A table: text to the left, numbers to the right with two or three figures."""
     rows = [[shown(cell) for cell in row] for row in rows]
-    text = [all(not re.match(r"\d", row[k]) for row in rows) for k in range(len(columns))]
+    text = [all(not re.match(r"-?\d", row[k]) for row in rows) for k in range(len(columns))]
     lines = [columns, [":--" if left else "--:" for left in text], *rows]
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 

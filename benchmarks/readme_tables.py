@@ -12,7 +12,7 @@ import json
 import re
 from pathlib import Path
 
-from benchmarks import dense_tables
+from benchmarks import dense_tables, design_tables
 from benchmarks.markdown import markdown, shown
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -211,9 +211,68 @@ def tolerances(figures: dict[str, float]) -> str:
     return markdown(["", *heads], rows)
 
 
+def closed_loop(figures: dict[str, float]) -> str:
+    """Chi-squares of the closed loop, each with the standard error of its mean."""
+    columns = {
+        "total_all_reduced": "all depths",
+        "total_speckle_reduced": "on speckle",
+        "total_grey_reduced": "on grey",
+        "whole_reduced": "whole covariance",
+        "calibration_reduced": "calibration",
+        "matching_all_reduced": "matching alone",
+        "bias_all_sigma": "its mean error / sigma",
+        "found_mm": "rms mm",
+        "foretold_mm": "foretold mm",
+    }
+    rows: list[list[object]] = []
+    for size, name in (("half", "640 x 480"), ("full", "1280 x 960")):
+        for n in (2, 3, 4, 5):
+            start = f"{size}_n{n}_"
+            if f"{start}repeats_count" not in figures:
+                continue
+            cells = []
+            for key in columns:
+                error = figures.get(f"{start}{key}_error")
+                cells.append(f"{figures[start + key]:.2f}" + ("" if error is None else f" +- {error:.2f}"))
+            rows.append([f"{n}, {name} px", f"{figures[f'{start}repeats_count']:.0f}", *cells])
+    return markdown(["facets", "repeats", *columns.values()], rows)
+
+
+def closed_loop_short(figures: dict[str, float]) -> str:
+    """The same in short, of the smaller photographs, of which there are several experiments."""
+    columns = {
+        "total_all_reduced": "all depths",
+        "whole_reduced": "whole covariance",
+        "calibration_reduced": "calibration",
+    }
+    rows = []
+    for n in (2, 3, 4, 5):
+        values = [(figures[f"half_n{n}_{key}"], figures[f"half_n{n}_{key}_error"]) for key in columns]
+        rows.append([str(n), *(f"{value:.2f} +- {error:.2f}" for value, error in values)])
+    return markdown(["facets", *columns.values()], rows)
+
+
+def simulation_renderer(figures: dict[str, float]) -> str:
+    """Our photographs of a board beside an independent renderer's."""
+    columns = {
+        "corners": "corners",
+        "ours_theirs_px": "corners apart px",
+        "theirs_exact_px": "theirs off the truth px",
+        "ours_exact_px": "ours off the truth px",
+        "within_2_percent_of_scale_percent": "levels within 2 % of the scale %",
+        "within_2_percent_of_level_percent": "within 2 % of themselves %",
+        "largest_levels": "largest difference, levels",
+    }
+    names = [key.removesuffix("_corners") for key in figures if key.endswith("_corners")]
+    rows = [[name, *(figures[f"{name}_{key}"] for key in columns)] for name in names]
+    return markdown(["photographs", *columns.values()], rows)
+
+
 TABLES = {  # name -> file of figures, table
     "accuracy": ("accuracy", accuracy),
     "calibration": ("calibration", calibration),
+    "closed_loop": ("closed_loop", closed_loop),
+    "closed_loop_short": ("closed_loop", closed_loop_short),
     "dense": ("dense", dense_tables.short),
     "dense_accuracy": ("dense", dense_tables.accuracy),
     "dense_calibrated": ("dense", dense_tables.calibrated),
@@ -224,10 +283,15 @@ TABLES = {  # name -> file of figures, table
     "dense_scaling": ("dense_scaling", dense_tables.scaling),
     "dense_seconds": ("dense", dense_tables.seconds),
     "dense_work": ("dense", dense_tables.work),
+    "design_known": ("design", design_tables.known),
+    "design_peers": ("design", design_tables.peers),
+    "design_seconds": ("design", design_tables.seconds),
     "epipolar": ("epipolar", epipolar),
     "measuring": ("measuring", measuring),
     "optics": ("optics", optics),
     "real": ("calibration", real),
+    "rendering": ("simulation", design_tables.rendering),
+    "simulation_renderer": ("simulation_renderer", simulation_renderer),
     "sparse": ("sparse", sparse),
     "sparse_edges": ("sparse", sparse_edges),
     "sparse_views": ("sparse", sparse_views),
